@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from stiction_envs.cli import main
-from tests.robots.arms import chain
+from tests.robots.arms import TWO
 
 ROOT = Path(__file__).parents[1]
 
@@ -108,7 +108,7 @@ def refused(cli, work, inputs) -> Callable[..., str]:
 def two(inputs) -> Path:
     """MJCF of an arm of two joints that feel gravity: quick to simulate."""
     path = inputs / "two.xml"
-    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    path.write_text(TWO)
     return path
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.command_line import ROOT
+
 FLOW = (
     ("stiction_envs.arrays",),
     (

@@ -31,10 +31,10 @@ from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.formats import registry
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
+from tests.command_line import ROOT
 from tests.experiments.test_conformance import lugre
 from tests.gap.small_logs import hidden, panda
 
-ROOT = pathlib.Path(__file__).parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 SECTIONS = dict(re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
 

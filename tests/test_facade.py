@@ -15,22 +15,19 @@ from stiction_envs.cli import main
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.measured import SJERow, read_amplitudes, read_base, read_sje, write_sje
 from stiction_envs.reporting.result import Result
-from tests.gap.small_logs import hidden, sliding, write_csv
-from tests.robots.arms import chain
+from tests.gap.small_logs import hidden, sticky, write_csv
+from tests.robots.arms import TWO
 
 FAST = load_protocol("two").replace(ramp_rate=1.0, iterations=1, return_time=0.2)
-
-
-def sticky(q, dq, ddq):
-    return 0.5 * sliding(q) + 0.4 * dq
+WRITTEN = {"diagnosis.json", "model.xml", "model.toml", "report.md", "report.html"}
+"""Files of a diagnosis that a user opens."""
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory) -> Path:
     """A folder with the model of a two-joint arm and a log of it that has friction."""
     folder = tmp_path_factory.mktemp("facade")
-    geom = '<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'
-    (folder / "two.xml").write_text(chain(2, extra=geom))
+    (folder / "two.xml").write_text(TWO)
     write_csv(folder / "log.csv", hidden(st.load_arm(folder / "two.xml"), sticky, seconds=8.0))
     return folder
 
@@ -114,9 +111,7 @@ def test_a_diagnosis_saves_what_the_command_writes(place, diagnosed, capsys):
     assert main(["diagnose", str(place / "log.csv"), *options]) == 0
     assert capsys.readouterr().out.startswith(str(diagnosed))
     assert files(out) == files(place / "why")
-    assert {"diagnosis.json", "model.xml", "model.toml", "report.md", "report.html"} <= set(
-        files(out)
-    )
+    assert set(files(out)) >= WRITTEN
     ours, theirs = (
         json.loads((place / name / "provenance.json").read_text()) for name in ("why", "command")
     )
@@ -182,9 +177,7 @@ def test_a_table_has_the_same_face(place, table, capsys):
     assert main(["diagnose", str(table), "--robot", str(place / "two.xml"), "--out", str(out)]) == 0
     assert capsys.readouterr().out.startswith(str(d))
     assert files(out) == files(place / "table")
-    assert {"diagnosis.json", "model.xml", "model.toml", "report.md", "report.html"} <= set(
-        files(out)
-    )
+    assert set(files(out)) >= WRITTEN
     again = st.load_model(out / "model.toml", place / "two.xml")
     shipped = st.SingleJointExperiment(place / "two.xml").sticking
     np.testing.assert_array_equal(again.parameters.stiction, shipped.parameters.stiction)

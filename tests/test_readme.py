@@ -14,7 +14,7 @@ import pytest
 
 from stiction_envs.measured import read_amplitudes, read_sje
 from tests.command_line import ROOT, python
-from tests.gap.small_logs import hidden, panda, sliding, write_csv
+from tests.gap.small_logs import hidden, panda, sticky, write_csv
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
@@ -105,8 +105,7 @@ def test_all_commands(place):
 @pytest.mark.slow
 def test_the_library(place):
     """Dry friction of 0.5 N·m in a log is named, and holds the arm of the model that is loaded."""
-    log = hidden(panda(), lambda q, dq, ddq: 0.5 * sliding(q) + 0.4 * dq)
-    write_csv(place / "log.csv", log)
+    write_csv(place / "log.csv", hidden(panda(), sticky))
     ran = python(blocks("python")[1], cwd=place)
     assert "coulomb_friction" in ran.stdout, ran.stderr
     assert (place / "runs" / "why" / "report.html").is_file()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections import Counter
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pytest
 
 from benchmarks.harness import ROOT
 from benchmarks.learning import kept_pages
+from tests.command_line import csv_rows
 from tuning.search.stages import BELIEVED
 
 FOLDER = ROOT / "benchmarks/learning"
@@ -25,7 +25,6 @@ def test_pages_are_those_of_the_rows_beside_them(tmp_path: Path, monkeypatch: py
 
 
 def test_every_search_is_compared_with_the_default_that_wins_most_often():
-    with (FOLDER / "treatments.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(FOLDER / "treatments.csv")
     (winner, _), *_ = Counter(x["treatment"] for x in rows if x["best"] == "1").most_common()
     assert winner in BELIEVED

@@ -16,6 +16,14 @@ BASE_TWO = "robot,joint,load,direction,tau_base_Nm\n" + "".join(
     f"two,{j},{load},{d},{d}0.8\n" for j in (1, 2) for load in ("load", "no_load") for d in "+-"
 )
 """Base torques of the arm of two joints."""
+FRICTION = "".join(
+    f"[{name}]\nvalue = {value}\nassumed = true\n"
+    for name, value in {
+        **{"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05, "viscous": 0.4},
+        **{"bristle_stiffness": 600.0, "rotor_inertia": 0.2},
+    }.items()
+)
+"""A user's friction TOML."""
 TRAINING = """
 [ppo]
 envs = 4

@@ -12,8 +12,9 @@ import pytest
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.robots import load_arm
-from tests.gap.small_logs import dry, hidden, sliding, write_csv
+from tests.gap.small_logs import dry, hidden, sticky, write_csv
 from tests.robots.arms import chain
 
 PARAMETERS = {c.name: {p.name for p in c.parameters} for c in CAUSES}
@@ -62,10 +63,6 @@ def check_schema(found: dict, n: int) -> None:
             assert len(values) == len(intervals)
             for low, high in intervals:
                 assert low <= high
-
-
-def sticky(q, dq, ddq):
-    return 0.5 * sliding(q) + 0.4 * dq
 
 
 @pytest.fixture
@@ -160,9 +157,8 @@ def test_poses_at_rest_without_time(cli, work, two, inputs):
     q = rng.uniform(-1, 1, (120, 2))
     tau = gravity_torque(arm.pinocchio(), q) + [7.0, 0] + 0.02 * rng.normal(size=(120, 2))
     path = inputs / "poses.csv"
-    np.savetxt(
-        path, np.hstack([q, tau]), fmt="%.6f", delimiter=",", header="q1,q2,tau1,tau2", comments=""
-    )
+    rows = log_csv(np.zeros(120), q=q, tau=tau).splitlines()
+    path.write_text("\n".join(row.partition(",")[2] for row in rows))  # without time
     done = cli("diagnose", "--poses", path, "--robot", two, "--out", "p", "--json")
     assert done.code == 0, done.err
     found = json.loads(done.out)
@@ -206,7 +202,7 @@ KEYS = {
 
 def sprung(q, dq, ddq):
     """Friction, and a cable on joint 1 that another day is not there."""
-    return 0.5 * sliding(q) + np.array([3.0, 0.0]) * q
+    return dry(q, dq, ddq) + np.array([3.0, 0.0]) * q
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from benchmarks.thesis import command as thesis
 from stiction_envs.cli.dispatch import all_commands
 from stiction_envs.robots import load_arm
 from tests.browser import WIDTHS, wrong
+from tests.cli.short_commands import FRICTION
 from tests.gap.small_logs import hidden, write_csv
 from tests.reporting.full_disk import REASONS, FullDisk
 
@@ -123,10 +124,7 @@ STATED = """<mujoco><worldbody><body name="l1"><joint name="a" axis="0 1 0" fric
 )
 def test_one_line_says_what_is_taken_from_the_robots_file(cli, inputs, line):
     (inputs / "own.xml").write_text(STATED, "utf-8")
-    values = {"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05, "viscous": 0.4}
-    values |= {"bristle_stiffness": 600.0, "rotor_inertia": 0.2}
-    text = "".join(f"[{name}]\nvalue = {x}\nassumed = true\n" for name, x in values.items())
-    (inputs / "dry.toml").write_text(text, "utf-8")
+    (inputs / "dry.toml").write_text(FRICTION, "utf-8")
     write_csv(inputs / "log.csv", hidden(load_arm(inputs / "own.xml")))
     said = [x for x in cli(*line.split()).err.splitlines() if x.startswith("note: ")]
     if "nonsense" in line:  # an error of the command line comes before

@@ -30,7 +30,7 @@ from stiction_envs.cli.dispatch import BAD_INPUT, all_commands, build_parser
 from stiction_envs.measured.logs.reader import JointLog
 from tests.command_line import Ran
 from tests.gap.small_logs import motion, write_csv
-from tests.robots.arms import chain
+from tests.robots.arms import TWO
 
 pytestmark = pytest.mark.slow
 EXAMPLES = int(os.environ.get("STICTION_FUZZ", "5"))
@@ -79,7 +79,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
         with contextlib.suppress(ImportError):
             importlib.import_module(library)
     out = tmp_path_factory.mktemp("good")
-    (out / "two.xml").write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    (out / "two.xml").write_text(TWO)
     (out / "two.urdf").write_text(URDF)
     (out / "table.csv").write_text("joint,frequency_hz,amplitude_nm\n1,15,0.6\n2,30,0.2\n")
     (out / "path.csv").write_text("x,y,z\n0.05,0,0\n0.05,0.05,0\n0,0,0\n")
@@ -214,19 +214,7 @@ def damages(draw: st.DrawFn, content: bytes) -> bytes:
         return bytes(out)
     if kind == "word":
         words = [
-            "nan",
-            "inf",
-            "-1",
-            "1e308",
-            "0",
-            "",
-            "x",
-            "9" * 400,
-            "{",
-            "[]",
-            "\u0301",
-            '"',
-            "\n",
+            *("nan", "inf", "-1", "1e308", "0", "", "x", "9" * 400, "{", "[]", "\u0301", '"', "\n")
         ]
         text = content.decode("utf-8", "replace")
         cells = [k for k, c in enumerate(text) if c in ",= \n"] or [0]

@@ -13,7 +13,7 @@ from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.identification.identify import MODELS
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import inertial_parameters
-from tests.cli.short_commands import BASE_TWO
+from tests.cli.short_commands import BASE_TWO, FRICTION
 from tests.gap.small_logs import RATE, motion, write_csv
 
 # ---- excite --------------------------------------------------------------------------------------
@@ -94,10 +94,7 @@ def base(inputs):
 @pytest.fixture
 def mine(inputs):
     """A user's friction TOML: no [meta], some quantities assumed, some left out; a diagnosis."""
-    values = {"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05}
-    values |= {"viscous": 0.4, "bristle_stiffness": 600.0, "rotor_inertia": 0.2}
-    text = "".join(f"[{k}]\nvalue = {v}\nassumed = true\n" for k, v in values.items())
-    text = text.replace("0.4\nassumed = true", '0.4\nsource = "my own log"')
+    text = FRICTION.replace("0.4\nassumed = true", '0.4\nsource = "my own log"')
     path = inputs / "mine.toml"
     path.write_text(text + '[arm]\nrobot = "two"\n[[cause]]\nname = "x"\n')
     return path

@@ -183,8 +183,7 @@ def test_a_format_from_outside_is_read_by_library_and_commands(cli, inputs, two,
 def test_units_reach_the_reader(cli, inputs, values, two, work):
     t, q, _, tau = np.split(values, [1, 3, 5], axis=1)
     path = inputs / "degrees.csv"
-    table = np.column_stack([t, np.degrees(q), tau])
-    np.savetxt(path, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    path.write_text(log_csv(t[:, 0], digits=9, q=np.degrees(q), tau=tau))
     ran = cli("check", path, "--robot", two)
     assert ran.code == 1
     assert "looks like degrees" in ran.out

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
@@ -80,9 +81,7 @@ def servo_call(two, inputs):
     """A log of positions of the small arm, whose servos are known; one cause is hidden in it."""
     h = hide(load_arm(two), (), seed=3, seconds=20.0, start=np.array([-0.6, 0.8]))
     path = inputs / "servo.csv"
-    table = np.column_stack([h.log.t, h.log.q_cmd, h.log.q])
-    header = "t,q_cmd1,q_cmd2,q1,q2"
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    path.write_text(log_csv(h.log.t, digits=9, q_cmd=h.log.q_cmd, q=h.log.q))
     known = ("--servo-stiffness", *h.stiffness, "--servo-damping", *h.damping)
     return ("diagnose", "--rehearse", path, "--robot", two, *known, "--threads", 1, "--out", "a")
 

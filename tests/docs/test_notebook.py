@@ -14,7 +14,8 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-ROOT = Path(__file__).parents[2]
+from tests.command_line import ROOT
+
 NOTEBOOK = ROOT / "docs" / "first_look.ipynb"
 PICTURE_BYTES = 100_000
 """Most bytes of a picture in it."""

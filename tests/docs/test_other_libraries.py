@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.docs.test_pages import DOCS, ROOT, run, run_page
+from tests.command_line import ROOT
+from tests.docs.test_pages import DOCS, run, run_page
 
 GPU, STACK = DOCS / "gpu.md", DOCS / "stack.md"
 
@@ -41,8 +42,7 @@ def printed(python: str, code: str, folder: Path = ROOT) -> str:
 )
 def test_the_page_runs_and_prints_what_it_shows(page, needs, tmp_path):
     pytest.importorskip(needs)
-    done = run(page, tmp_path)
-    assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr}"
+    run(page, tmp_path)
 
 
 @pytest.mark.slow

@@ -6,18 +6,15 @@ import importlib.util
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from stiction_envs.measured.logs.reader import read_logs
+from tests.command_line import ROOT
 
-ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-
-
 SPEC = importlib.util.spec_from_file_location("run_page", DOCS / "run_page.py")
 run_page = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(run_page)
@@ -27,19 +24,17 @@ SCREEN = 80
 """Most lines of an example; assumed."""
 
 
-def run(page, folder):
-    return subprocess.run(
+def run(page, folder, code=0):
+    """Run a page, which ends with an exit code."""
+    done = subprocess.run(
         [sys.executable, DOCS / "run_page.py", page, folder],
         env={"MUJOCO_GL": "egl", **os.environ},
         capture_output=True,
         text=True,
         check=False,
     )
-
-
-def test_the_theory_of_creeping_runs(tmp_path):
-    done = run(DOCS / "theory.md", tmp_path)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == code, f"{done.stdout[-3000:]}\n{done.stderr}"
+    return done
 
 
 def test_the_reader_of_logs_writes_a_log_that_is_read(tmp_path):
@@ -48,8 +43,7 @@ def test_the_reader_of_logs_writes_a_log_that_is_read(tmp_path):
     torques = np.random.default_rng(0).normal(size=angles.shape)
     micro = 1e6 * seconds
     np.savez(tmp_path / "robot.npz", time_us=micro, angles=angles, torques=torques)
-    done = run(DOCS / "extending.md", tmp_path)
-    assert done.returncode == 0, done.stderr
+    run(DOCS / "extending.md", tmp_path)
     (log,) = read_logs([tmp_path / "log.csv"], 7)
     np.testing.assert_allclose(log.tau, torques)
     np.testing.assert_allclose(log.t, seconds, atol=1e-6)
@@ -58,18 +52,19 @@ def test_the_reader_of_logs_writes_a_log_that_is_read(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_runs_and_prints_what_it_shows(page, tmp_path):
-    done = run(DOCS / f"{page}.md", tmp_path)
-    assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr}"
+    run(DOCS / f"{page}.md", tmp_path)
     for name, source in run_page.PICTURES[page].items():
         made, shown = (Image.open(x).size for x in (tmp_path / source, DOCS / name))
         assert made == shown, f"{name} is not what the page makes: python docs/make_pictures.py"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("page", EXAMPLES, ids=lambda page: page.stem)
-def test_an_example_runs_and_prints_what_it_shows(page, tmp_path):
-    done = run(page, tmp_path)
-    assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr}"
+@pytest.mark.parametrize(
+    "page",
+    [DOCS / "theory.md", *(pytest.param(x, marks=pytest.mark.slow) for x in EXAMPLES)],
+    ids=lambda page: page.stem,
+)
+def test_theory_and_examples_run_and_print_what_they_show(page, tmp_path):
+    run(page, tmp_path)
 
 
 def test_an_example_is_short_answers_first_and_is_linked():
@@ -90,8 +85,6 @@ def test_a_page_that_shows_what_is_not_printed_fails(tmp_path):
     page = tmp_path / "page.md"
     block = "```python\nprint('a b')\n```\n\n```text\n{}\n```\n"
     page.write_text(block.format("a b"), encoding="utf-8")
-    assert run(page, tmp_path).returncode == 0
+    run(page, tmp_path)
     page.write_text(block.format("a c"), encoding="utf-8")
-    done = run(page, tmp_path)
-    assert done.returncode == 1
-    assert "a c" in done.stderr
+    assert "a c" in run(page, tmp_path, code=1).stderr

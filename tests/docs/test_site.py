@@ -6,7 +6,6 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
-from pathlib import Path
 from urllib.parse import unquote, urldefrag
 
 import gymnasium
@@ -16,9 +15,9 @@ import stiction_envs
 from stiction_envs.cli.dispatch import all_commands
 from stiction_envs.gap.causes import registered
 from tests.browser import WIDTHS, wrong
+from tests.command_line import ROOT
 
 pytest.importorskip("sphinx")
-ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 FETCHED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
 """What a browser fetches by itself when it shows a page."""

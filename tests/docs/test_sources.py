@@ -6,7 +6,8 @@ import re
 from importlib.util import find_spec
 from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.command_line import ROOT
+
 PAGE = (ROOT / "docs" / "sources.md").read_text("utf-8")
 SECTIONS = set(re.findall(r"^##+ (\d(?:\.\d)?)\.? ", PAGE, re.MULTILINE))
 CITED = re.compile(r"sources\.md ((?:\d(?:\.\d)?(?:, | and )?)+)")

@@ -25,6 +25,7 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.measured.thesis_tables import thesis_base
 from stiction_envs.plant import Plant
 from tests.friction.gyro import friction, gyro, sticking
+from tests.refusal import refusal
 
 SHIPPED = ("panda", "iiwa7", "iiwa14", "generic")
 JOINTS = {"panda": 7, "iiwa7": 7, "iiwa14": 7, "generic": 9}
@@ -84,12 +85,11 @@ def test_scaled_quantities_of_one_arm_and_of_many():
     many = scaled(one.tile(2), {"stiction": each})
     assert np.array_equal(many.stiction[0], out.stiction)
     assert np.array_equal(many.stiction[1], one.stiction)
-    with pytest.raises(StictionError, match="friction parameter 'mass': expected one of stiction"):
-        scaled(one, {"mass": 2.0})
-    with pytest.raises(StictionError, match="stiction is -"):
-        scaled(one, {"stiction": -1.0})
-    with pytest.raises(StictionError, match=r"factor of viscous has shape \(2, 7\): expected"):
-        scaled(one, {"viscous": each})
+    says = "friction parameter 'mass': expected one of stiction"
+    refusal(lambda: scaled(one, {"mass": 2.0}), says)
+    refusal(lambda: scaled(one, {"stiction": -1.0}), "stiction is -")
+    says = r"factor of viscous has shape \(2, 7\): expected"
+    refusal(lambda: scaled(one, {"viscous": each}), says)
 
 
 def test_defaults_and_spreading():
@@ -143,10 +143,7 @@ def with_entry(name: str, entry: object) -> dict:
     ],
 )  # fmt: skip
 def test_bad_tables_say_what_and_where(table, says):
-    with pytest.raises(StictionError, match=says) as caught:
-        from_table(table, "my.toml", 7)
-    assert "my.toml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert "my.toml" in refusal(lambda: from_table(table, "my.toml", 7), says)
 
 
 @pytest.mark.parametrize(
@@ -162,25 +159,21 @@ def test_bad_files(content, says, tmp_path):
     path = tmp_path / "arm.toml"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(StictionError, match=says) as caught:
-        load_friction(path)
-    assert "arm.toml" in str(caught.value)
-    assert "\n" not in str(caught.value)
+    assert "arm.toml" in refusal(lambda: load_friction(path), says)
 
 
 def test_a_bristle_that_would_chatter_is_refused():
     """h σ1 < 2 J, joint by joint; an inertia of zero fails as well."""
     check_stability(np.array([10.0]), np.array([1.0]), 1e-3)
-    for damping, inertia in (([10.0, 20.0], 0.01), ([10.0, 1.0], [1.0, 0.0])):
-        with pytest.raises(StictionError, match=r"joint 2: h.damping = 0.0"):
-            check_stability(np.array(damping), np.broadcast_to(inertia, 2), 1e-3)
+    for damping, inertia in (([10.0, 20.0], [0.01, 0.01]), ([10.0, 1.0], [1.0, 0.0])):
+        numbers = np.array(damping), np.array(inertia)
+        refusal(lambda x=numbers: check_stability(*x, 1e-3), r"joint 2: h.damping = 0.0")
 
 
 def test_model_too_stiff_for_its_step_is_refused():
     """σ1 never falls under 3hσ0 by itself, but hσ1/J can reach 2: the build says so."""
     stiff = {"bristle_stiffness": 1e5, "rotor_inertia": 0.01}
-    with pytest.raises(StictionError, match=r"joint 2: h.damping"):
-        sticking(**stiff)
+    refusal(lambda: sticking(**stiff), r"joint 2: h.damping")
     assert sticking(timestep=1e-4, **stiff).n == 2
 
 
@@ -191,10 +184,9 @@ def test_plant_checks_every_simulation():
     ratio = np.full((3, 2), 0.1)
     ratio[2, 0] = 50.0
     mixed = friction(stiction=0.9).tile(3).replace(bristle_damping_ratio=ratio)
-    with pytest.raises(StictionError, match=r"joint 1: .* twice the inertia"):
-        plant.set_friction(np.arange(3), mixed)
-    with pytest.raises(StictionError, match="elastic"):
-        plant.set_friction(np.arange(3), friction(joint_stiffness=1e4).tile(3))
+    refusal(lambda: plant.set_friction(np.arange(3), mixed), r"joint 1: .* twice the inertia")
+    elastic = friction(joint_stiffness=1e4).tile(3)
+    refusal(lambda: plant.set_friction(np.arange(3), elastic), "elastic")
     plant.run(np.zeros((3, 40, 2)))
     np.testing.assert_array_equal(plant.stiction, before)
 
@@ -225,8 +217,7 @@ def test_plant_with_parameters_is_the_model_built_with_them(elastic):
 
 @pytest.mark.parametrize("timestep", [0.0, -1e-3, 2e-3, np.nan])
 def test_step_must_be_a_millisecond_or_less(timestep):
-    with pytest.raises(StictionError, match="timestep"):
-        build(gyro(), friction(), timestep=timestep)
+    refusal(lambda: build(gyro(), friction(), timestep=timestep), "timestep")
 
 
 @pytest.mark.parametrize("name", SHIPPED)

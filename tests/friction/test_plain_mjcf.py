@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.friction.export import plain_mjcf
+from stiction_envs.robots.stated import COULOMB, STICTION, STRIBECK
 from tests.friction.gyro import differences, sticking
 
 
@@ -19,7 +20,10 @@ def exported(model) -> mujoco.MjModel:
 def test_what_is_written_is_read_back(elastic, ripple):
     """Friction without ripple has periods all the same: 1 by default."""
     model = sticking(joint_stiffness=[8e3, np.inf] if elastic else np.inf, ripple_amplitude=ripple)
-    assert max(differences(exported(model), model).values()) <= 1e-9
+    found = exported(model)
+    assert max(differences(found, model).values()) <= 1e-9
+    levels = found.actuator_biasprm[:, [COULOMB, STICTION, STRIBECK]]
+    np.testing.assert_allclose(levels, [[0.8 * 0.6, 0.6, 0.01]] * 2)
 
 
 def pushed(model: mujoco.MjModel, torque: float, steps: int = 500) -> np.ndarray:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.causes import Part, cause_named
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
+from stiction_envs.gap.model_file import Nominal, dump
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
@@ -65,9 +68,9 @@ def sliding(q: np.ndarray) -> np.ndarray:
     return bristles(q, [slice(0, len(q))], np.full((q.shape[1], 1), PRESLIDING_DISTANCE))[..., 0]
 
 
-def data_of(arm: Arm, log: JointLog) -> Data:
-    """Return a log against the rigid arm."""
-    return assemble(arm, prepare([log]))
+def data_of(arm: Arm, log: JointLog, friction: FrictionParameters | None = None) -> Data:
+    """Return a log against the arm with a friction, by default none."""
+    return assemble(arm, prepare([log]), friction=friction)
 
 
 def with_torque(data: Data, torque: np.ndarray) -> Data:
@@ -82,6 +85,11 @@ def panda(**options) -> Arm:
 def dry(q, dq, ddq):
     """Dry friction of 0.5 N·m, for `hidden`."""
     return 0.5 * sliding(q)
+
+
+def sticky(q, dq, ddq):
+    """Dry and viscous friction, for `hidden`."""
+    return 0.5 * sliding(q) + 0.4 * dq
 
 
 def found(arm: Arm, *logs: JointLog) -> Diagnosis:
@@ -101,3 +109,16 @@ def only(log: JointLog, joint: int) -> JointLog:
 
 def write_csv(path, log: JointLog) -> None:
     path.write_text(log_csv(log.t, digits=9, q=log.q, tau=log.tau))
+
+
+def write_model(folder: Path, found: Diagnosis | Nominal) -> Path:
+    """Write ``model.toml`` of a diagnosis into a folder; return its path."""
+    path = folder / "model.toml"
+    model = found if isinstance(found, Nominal) else model_of(found)
+    path.write_text(dump(model), encoding="utf-8")
+    return path
+
+
+def part(name: str, joint: int, *coefficients: float, shape: tuple[float, ...] = ()) -> Part:
+    numbers = tuple(map(float, coefficients))
+    return Part(cause=name, joint=joint, shape=tuple(map(float, shape)), coefficients=numbers)

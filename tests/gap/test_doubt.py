@@ -14,7 +14,7 @@ from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.model_file import Nominal, dump, read
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.measured.logs.reader import JointLog
-from tests.gap.small_logs import dry, hidden, panda, sliding
+from tests.gap.small_logs import dry, hidden, panda, sliding, write_model
 
 NAMES = ("coulomb_friction", "viscous_friction", "torque_offset", "actuator_delay")
 
@@ -55,10 +55,8 @@ def coulomb(found: Diagnosis, joint: int) -> tuple[float, float]:
 
 
 def test_a_model_is_read_back_to_the_bit(model: Nominal, tmp_path) -> None:
-    path = tmp_path / "model.toml"
     known = replace(model, torque_lag=(0.1 + 0.2, 1 / 3), sessions=((1.7e9 + 0.1, 1.7e9 + 2 / 3),))
-    path.write_text(dump(known), encoding="utf-8")
-    found = read(path)
+    found = read(write_model(tmp_path, known))
     assert all(part.doubt for part in found.parts)
     for name in ("parts", "torque_lag", "sessions", "torque_sign", "distance"):
         assert getattr(found, name) == getattr(known, name)
@@ -89,8 +87,7 @@ def test_its_own_logs_show_no_discrepancy_where_all_links_are_a_little_off(tmp_p
     case = make_case(43, ("viscous_friction", "payload"), known=False, scatter=0.03)
     before = diagnose_logs(case.logs, case.robot, nominal=case.nominal)
     assert {c.name for c in before.causes} == {"viscous_friction", "payload"}
-    path = tmp_path / "model.toml"
-    path.write_text(dump(model_of(before)), encoding="utf-8")
+    path = write_model(tmp_path, before)
     assert {p.cause for p in read(path).parts if p.doubt}.isdisjoint({"payload"})  # in [links]
     found = diagnose_logs(case.logs, case.robot, nominal=path)
     assert (found.verdict, found.causes) == ("no discrepancy", ())
@@ -101,9 +98,7 @@ def test_a_known_lag_is_no_news(delay: float, tmp_path) -> None:
     """A long one is undone before, and a short one is a part of the model."""
     one, other = (late(hidden(panda(), dry, seed=k, noise=0.03), delay) for k in (1, 2))
     before = again(one)
-    path = tmp_path / "model.toml"
-    path.write_text(dump(model_of(before)), encoding="utf-8")
-    known = read(path)
+    known = read(write_model(tmp_path, before))
     if delay > 0.1:
         assert known.torque_lag == pytest.approx((delay, 0.0), abs=0.011)
     else:

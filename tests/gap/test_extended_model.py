@@ -12,13 +12,12 @@ from stiction_envs.gap.causes import CAUSES, Part, cause_named
 from stiction_envs.gap.causes.base import OF_ARM, torque_of
 from stiction_envs.gap.extended_model import extend, load_model
 from stiction_envs.gap.model_file import Nominal, changed_arm, read
-from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters
 from stiction_envs.robots.stated import STICTION
-from tests.gap.small_logs import data_of, hidden, panda
+from tests.gap.small_logs import data_of, hidden, panda, part
 
 BALL = 0.4 * 1.2 * 0.03**2  # inertia of 1.2 kg as `load_arm` makes it
 COM = np.array([0.02, -0.01, 0.06])
@@ -27,32 +26,28 @@ PAYLOAD = (1.2, *(1.2 * COM), *ABOUT_FLANGE[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 
 FALL = 1 - np.sqrt(1 - 0.02**2 - 0.01**2)  # what leaning takes off the vertical part
 
 
-def part(name: str, *coefficients: float, joint: int = 4, shape: tuple[float, ...] = ()) -> Part:
-    return Part(cause=name, joint=joint, shape=shape, coefficients=coefficients)
-
-
 ALL = (
-    part("coulomb_friction", 0.6),
-    part("viscous_friction", 0.8),
-    part("stribeck_friction", 0.2, shape=(0.05,)),
-    part("direction_asymmetry", 0.1),
-    part("load_dependent_friction", 0.03),
-    part("presliding_hysteresis", 0.6, shape=(0.01,)),
-    part("position_dependent_friction", 0.2, 0.1, shape=(20.0,)),
-    part("warm_up_drift", 0.01),
-    part("torque_offset", 0.7),
-    part("torque_scale", 0.1),
-    part("falling_torque", 0.4),
-    part("position_dependent_torque", 0.3, 0.2, -0.1, 0.4, 0.1, shape=(2.0,)),
-    part("payload", *PAYLOAD, joint=0),
-    part("base_tilt", 0.02, -0.01, FALL, joint=0),
-    part("link_parameters", 0.3, 0.02, -0.01, 0.03, shape=(4.0, 3.6)),
-    part("link_inertia", 0.3),
-    part("joint_elasticity", 1.0, shape=(8000.0,)),
-    part("actuator_delay", 0.005, joint=0, shape=(0.005,)),
-    part("encoder_offset", 0.05, shape=(0.05,)),
-    part("gravity_compensation_missing", 0.3, joint=0),
-    part("external_spring", 3.0, -1.5),
+    part("coulomb_friction", 4, 0.6),
+    part("viscous_friction", 4, 0.8),
+    part("stribeck_friction", 4, 0.2, shape=(0.05,)),
+    part("direction_asymmetry", 4, 0.1),
+    part("load_dependent_friction", 4, 0.03),
+    part("presliding_hysteresis", 4, 0.6, shape=(0.01,)),
+    part("position_dependent_friction", 4, 0.2, 0.1, shape=(20.0,)),
+    part("warm_up_drift", 4, 0.01),
+    part("torque_offset", 4, 0.7),
+    part("torque_scale", 4, 0.1),
+    part("falling_torque", 4, 0.4),
+    part("position_dependent_torque", 4, 0.3, 0.2, -0.1, 0.4, 0.1, shape=(2.0,)),
+    part("payload", 0, *PAYLOAD),
+    part("base_tilt", 0, 0.02, -0.01, FALL),
+    part("link_parameters", 4, 0.3, 0.02, -0.01, 0.03, shape=(4.0, 3.6)),
+    part("link_inertia", 4, 0.3),
+    part("joint_elasticity", 4, 1.0, shape=(8000.0,)),
+    part("actuator_delay", 0, 0.005, shape=(0.005,)),
+    part("encoder_offset", 4, 0.05, shape=(0.05,)),
+    part("gravity_compensation_missing", 0, 0.3),
+    part("external_spring", 4, 3.0, -1.5),
 )
 PARTS = {p.cause: p for p in ALL}
 PHANTOM = tuple(-x for x in PAYLOAD)
@@ -90,17 +85,21 @@ def rows_of(data):
     return np.linspace(50, len(data.t) - 50, 12).astype(int)
 
 
+def forces(xml: str, data) -> tuple[np.ndarray, np.ndarray]:
+    """Angles of joint 4 in some rows, and what actuators of stock MuJoCo add there at rest."""
+    model = mujoco.MjModel.from_xml_string(xml)
+    work, rows, out = mujoco.MjData(model), rows_of(data), []
+    for k in rows:
+        work.qpos[:], work.qvel[:] = data.q[k], 0.0
+        mujoco.mj_forward(model, work)
+        out.append(work.qfrc_actuator[3])
+    return data.q[rows, 3], np.array(out)
+
+
 def inverse(xml: str, data, rows) -> np.ndarray:
     """Torque that stock MuJoCo wants for the measured motion; friction of actuators apart."""
     model = mujoco.MjModel.from_xml_string(xml)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # stops of the joints
-    work = mujoco.MjData(model)
-    out = []
-    for k in rows:
-        work.qpos[:], work.qvel[:], work.qacc[:] = data.q[k], data.dq[k], data.ddq[k]
-        mujoco.mj_inverse(model, work)
-        out.append(work.qfrc_inverse.copy())
-    return np.array(out)
+    return inverse_torque(model, data.q[rows], data.dq[rows], data.ddq[rows])
 
 
 def test_there_is_a_part_for_every_cause():
@@ -130,7 +129,7 @@ def test_model_file_and_mjcf_want_the_same_torque(robot, body, tmp_path):
     links = []
     for j in (2, 3, 5, 6):
         numbers = 0.4 * (-1) ** j, 0.02, -0.03, 0.01
-        link = part("link_parameters", *numbers, joint=j, shape=(float(j), 1.0))
+        link = part("link_parameters", j, *numbers, shape=(j, 1.0))
         links.append(dataclasses.replace(link, level=1 + j // 5))
     body = PAYLOAD if load is None else PHANTOM
     own = dataclasses.replace(PARTS["payload"], coefficients=body, level=2)
@@ -166,12 +165,8 @@ def test_actuators_push_against_what_the_motor_must_overcome(data, name, torque)
     twice = (PARTS[name], dataclasses.replace(PARTS[name], level=2))
     made = extend(data, Nominal(robot="panda", parts=twice))
     assert not made.missing
-    model = mujoco.MjModel.from_xml_string(made.xml)
-    work = mujoco.MjData(model)
-    for k in rows_of(data):
-        work.qpos[:], work.qvel[:] = data.q[k], 0.0
-        mujoco.mj_forward(model, work)
-        assert work.qfrc_actuator[3] == pytest.approx(-2 * torque(data.q[k, 3]), abs=1e-9)
+    q, force = forces(made.xml, data)
+    np.testing.assert_allclose(force, [-2 * torque(x) for x in q], rtol=0, atol=1e-9)
 
 
 def test_friction_tables_hold_levels_by_direction(data):
@@ -209,30 +204,23 @@ def ripples(*parts: Part) -> Nominal:
 
 def judged_by(nominal: Nominal):
     """A log against the nominal friction, without the parts."""
-    arm = panda()
-    return assemble(arm, prepare([hidden(arm)]), friction=nominal.friction)
+    return data_of(panda(), hidden(panda()), nominal.friction)
 
 
 @pytest.mark.parametrize("periods", [12.0, 33.0])
 def test_a_found_ripple_is_added_to_that_of_the_nominal_friction(periods):
     """Also where the nominal friction, or an earlier diagnosis, has one already."""
-    own = part("position_dependent_friction", 0.2, 0.1, shape=(periods,))
+    own = part("position_dependent_friction", 4, 0.2, 0.1, shape=(periods,))
     nominal = ripples(own)
     data = judged_by(nominal)
     made = extend(data, nominal)
     assert made.missing == ()
     assert not made.left_out.any()
     assert bool(made.friction_missing) == (periods == 33.0)
-    model = mujoco.MjModel.from_xml_string(made.xml)
-    work = mujoco.MjData(model)
-    for k in rows_of(data):
-        q = data.q[k, 3]
-        work.qpos[:], work.qvel[:] = data.q[k], 0.0
-        mujoco.mj_forward(model, work)
-        found = 0.2 * np.sin(periods * q) + 0.1 * np.cos(periods * q)
-        offset = nominal.friction.offset[3]
-        want = 0.3 * np.sin(12.0 * q + 0.4) - found - offset
-        assert work.qfrc_actuator[3] == pytest.approx(want, abs=1e-9)
+    q, force = forces(made.xml, data)
+    found = 0.2 * np.sin(periods * q) + 0.1 * np.cos(periods * q)
+    want = 0.3 * np.sin(12.0 * q + 0.4) - found - nominal.friction.offset[3]
+    np.testing.assert_allclose(force, want, rtol=0, atol=1e-9)
 
 
 def test_the_nominal_torque_has_the_friction_s_ripple_and_warm_up():
@@ -270,7 +258,7 @@ def test_mjcf_has_the_nominal_warm_up_half_way_through_the_logs():
 
 def test_a_drift_on_a_nominal_warm_up_is_left_out_whole():
     friction = sticky(warm_up_friction=0.5, warm_up_time=20.0)
-    nominal = Nominal(robot="panda", friction=friction, parts=(part("warm_up_drift", 0.01),))
+    nominal = Nominal(robot="panda", friction=friction, parts=(part("warm_up_drift", 4, 0.01),))
     data = judged_by(nominal)
     made = extend(data, nominal)
     drift = torque_of(cause_named("warm_up_drift"), data, nominal.parts[0])

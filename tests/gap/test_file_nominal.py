@@ -12,17 +12,19 @@ import pytest
 from stiction_envs.gap.diagnose import default_nominal, diagnose
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.extended_model import extend
-from stiction_envs.gap.model_file import dump, nominal_of, read
+from stiction_envs.gap.model_file import nominal_of, read
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.questions import Servo, nominal_parameters
 from stiction_envs.gap.servo.servo_parameters import INDEX
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import passive_torque
+from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
-from tests.gap.small_logs import motion
+from tests.gap.small_logs import motion, write_model
+from tests.robots.arms import chain
 
 ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="l1" pos="0 0 0.1" gravcomp="0.5">
 <joint name="a" axis="0 1 0" range="-2 2" armature="0.2" damping="0.8" {a}/>
@@ -46,15 +48,8 @@ def log_of(path: Path, coulomb: float = 0.0) -> JointLog:
 
     The motion turns without presliding, as with frictionloss.
     """
-    model = mujoco.MjModel.from_xml_path(str(path))
-    model.dof_frictionloss[:] = 0.0
-    data = mujoco.MjData(model)
     t, q, dq, ddq = motion(2, seconds=20.0)
-    tau = np.empty_like(q)
-    for k in range(len(t)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        tau[k] = data.qfrc_inverse
+    tau = inverse_torque(mujoco.MjModel.from_xml_path(str(path)), q, dq, ddq)
     tau[:, 0] += coulomb * np.sign(dq[:, 0])
     tau += 0.01 * np.random.default_rng(0).normal(size=tau.shape)
     return JointLog(source="made.csv", t=t, q=q, dq=None, tau=tau)
@@ -73,8 +68,7 @@ def test_the_default_is_the_file_where_it_states_something(tmp_path: Path):
     assert default_nominal([log], load_arm(path)) == "file"
     assert default_nominal([log], "panda") == "rigid"
     bare = tmp_path / "bare.xml"
-    bare.write_text('<mujoco><worldbody><body><joint armature="1"/><geom size="0.1"/></body>'
-                    "</worldbody></mujoco>", "utf-8")  # fmt: skip
+    bare.write_text(chain(2).replace("<joint", '<joint armature="1"'), "utf-8")
     assert default_nominal([log], bare) == "rigid"
 
 
@@ -136,16 +130,10 @@ def test_the_model_carries_what_the_file_states(tmp_path: Path):
     np.testing.assert_array_equal(model.qpos_spring, [0, 0.4])
     np.testing.assert_array_equal(model.dof_armature, [0.2, 0.05])
     np.testing.assert_array_equal(model.dof_damping, [0.8, 0])
-    assert {model.body(b).name: model.body_gravcomp[b] for b in range(1, model.nbody)} == {
-        "l1": 0.5,
-        "l2": 0,
-        "hand": 1,
-    }
+    compensated = {model.body(b).name: model.body_gravcomp[b] for b in range(1, model.nbody)}
+    assert compensated == {"l1": 0.5, "l2": 0, "hand": 1}
     # a later diagnosis begins with the same model
-    (tmp_path / "model.toml").write_text(
-        dump(type(judged)(**vars(judged) | {"robot": arm.name})), "utf-8"
-    )
-    again = read(tmp_path / "model.toml")
+    again = read(write_model(tmp_path, replace(judged, robot=arm.name)))
     assert again.file
     later, _ = nominal_of(path, again)
     assert later.stated.passive

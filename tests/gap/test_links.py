@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import TOLERANCES, cause_named
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.links import LinkErrors, link_errors
-from stiction_envs.gap.model_file import dump, read
+from stiction_envs.gap.model_file import read
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.robots import Arm
 from stiction_envs.robots.consistent import tolerances
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import consistent, inertial_parameters
-from tests.gap.small_logs import data_of, hidden, panda
+from tests.gap.small_logs import data_of, hidden, panda, part, write_model
 
 SIZE = 0.3
 """Size of the errors over the tolerance of CAD [-]."""
@@ -66,17 +66,13 @@ def test_a_model_hands_its_doubt_on(bare, tmp_path) -> None:
     arm, true = panda(), a_little_off()
     assert bare.links is not None
     assert not bare.causes
-    path = tmp_path / "model.toml"
-    path.write_text(dump(model_of(bare)), encoding="utf-8")
+    path = write_model(tmp_path, bare)
     known = read(path)
     assert known.links is not None
     assert np.array_equal(known.links, bare.links.factor)
     tool = cause_named("payload")
     body = tool.part_of(np.array([1.0, 0.0, 0.0, 0.05, *[0.0] * 6]), (0.0, 0.0, 0.0))[0]
-    part = type(model_of(bare).parts[0])(
-        cause="payload", joint=0, shape=(), coefficients=tuple(body.tolist())
-    )
-    log = hidden(arm, true=tool.changed(true, part), seed=2)
+    log = hidden(arm, true=tool.changed(true, part("payload", 0, *body)), seed=2)
     later = diagnose_logs([log], arm, nominal=path)
     assert [c.name for c in later.causes] == ["payload"]
     weighed = later.causes[0].parameters[0]["mass_kg"]

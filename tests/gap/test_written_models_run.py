@@ -14,13 +14,11 @@ from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.causes import Part
 from stiction_envs.gap.extended_model import Extension, extend
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.signals.dataset import Data, assemble
-from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.hidden.worlds import scattered
 from stiction_envs.plant import Plant
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import inertial_parameters
-from tests.gap.small_logs import hidden
+from tests.gap.small_logs import data_of, hidden, part
 from tests.robots.arms import write_arms
 
 ROBOTS = ("panda", "iiwa14", "two")
@@ -30,11 +28,6 @@ SIMULATIONS = 16
 def arm_of(robot: str, folder: Path) -> tuple[Arm, str]:
     name = str(write_arms(folder) / "two.urdf") if robot == "two" else robot
     return load_arm(name), name
-
-
-def part(cause: str, joint: int, *coefficients: float, shape: tuple[float, ...] = ()) -> Part:
-    numbers = tuple(map(float, coefficients))
-    return Part(cause=cause, joint=joint, shape=tuple(map(float, shape)), coefficients=numbers)
 
 
 def drawn(rng: np.random.Generator, arm: Arm) -> tuple[Part, ...]:
@@ -74,12 +67,9 @@ def drawn(rng: np.random.Generator, arm: Arm) -> tuple[Part, ...]:
     return tuple(parts)
 
 
-def logs_of(arm: Arm, nominal: Nominal) -> Data:
-    return assemble(arm, prepare([hidden(arm, seconds=3.0)]), friction=nominal.friction)
-
-
-def written(arm: Arm, data: Data, nominal: Nominal, path: Path) -> Extension:
-    made = extend(data, nominal)
+def written(arm: Arm, nominal: Nominal, path: Path) -> Extension:
+    """Write the model file of a log."""
+    made = extend(data_of(arm, hidden(arm, seconds=3.0), nominal.friction), nominal)
     path.write_text(made.toml(meta={"title": "made up"}, provenance={}), encoding="utf-8")
     return made
 
@@ -110,7 +100,7 @@ def test_no_joint_shakes_in_any_pose(robot, seeds, tmp_path):
         friction = load_friction(arm.registered_name, arm.n) if seed % 3 == 2 else None
         nominal = Nominal(robot=arm.name, friction=friction, parts=drawn(rng, arm))
         path = tmp_path / "model.toml"
-        written(arm, logs_of(arm, nominal), nominal, path)
+        written(arm, nominal, path)
         found = load_model(path, name)
         for model in (found, sticking_model(arm, path), sticking_model(found.arm, path)):
             assert np.isfinite(shaken(model, rng)).all(), (robot, seed)
@@ -123,7 +113,7 @@ def test_friction_that_would_drive_a_joint_is_bounded_and_said(tmp_path):
     parts.append(part("direction_asymmetry", 7, -0.60))
     path = tmp_path / "model.toml"
     nominal = Nominal(robot="panda", parts=tuple(parts))
-    made = written(arm, logs_of(arm, nominal), nominal, path)
+    made = written(arm, nominal, path)
     np.testing.assert_allclose(made.friction.stiction[6], [0.032, 0.608])
     said = "asymmetry of joint 7: nine tenths of its Coulomb friction, more would drive it"
     assert said in made.friction_missing

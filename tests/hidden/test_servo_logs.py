@@ -17,8 +17,6 @@ from stiction_envs.robots import Arm, load_arm
 from tests.gap.servo.small_arm import parameters, two_links
 
 START = np.array([-0.6, 0.8])
-OUTSIDE = {"payload", "external_contact"}
-"""Causes that change no parameter of a joint."""
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.hidden.worlds import inverse_torque
@@ -17,7 +16,8 @@ from stiction_envs.robots import load_arm
 from stiction_envs.robots.consistent import LEAST_EIGENVALUE, least_consistent
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import consistent, inertial_parameters
-from tests.robots.arms import MJCF, TETRA
+from tests.refusal import refusal
+from tests.robots.arms import write_arms
 
 RATE = 200.0
 
@@ -173,10 +173,7 @@ def test_arm_with_the_links_moves_by_them(found, panda):
 def test_what_is_fixed_to_a_link_becomes_part_of_it(tmp_path):
     """Payloads, hands, joints that sit beside their body's origin."""
     loaded = load_arm("panda", payload=(1.5, 0.0, 0.02, 0.1))
-    (tmp_path / "assets").mkdir()
-    (tmp_path / "assets" / "tetra.obj").write_text(TETRA)
-    (tmp_path / "three.xml").write_text(MJCF)
-    for arm in (loaded, load_arm(tmp_path / "three.xml")):
+    for arm in (loaded, load_arm(write_arms(tmp_path) / "three.xml")):
         phi = inertial_parameters(arm.pinocchio()) * 1.1
         new = with_inertias(arm, phi)
         mass = new.model().body_mass.sum() - arm.model().body_mass.sum()
@@ -192,10 +189,8 @@ def test_written_mjcf_is_read_again(tmp_path, found):
 
 
 def test_bad_input(panda, recorded):
-    with pytest.raises(StictionError, match="one or more"):
-        identify([], panda)
-    with pytest.raises(StictionError, match=r"\(7, 10\)"):
-        with_inertias(panda, np.ones((6, 10)))
+    refusal(lambda: identify([], panda), "one or more")
+    refusal(lambda: with_inertias(panda, np.ones((6, 10))), r"\(7, 10\)")
     first = {k: getattr(recorded, k)[:60] for k in ("t", "q", "tau")}
-    with pytest.raises(StictionError, match="expected"):
-        identify([dataclasses.replace(recorded, **first)], panda, cutoff_hz=15.0)
+    short = dataclasses.replace(recorded, **first)
+    refusal(lambda: identify([short], panda, cutoff_hz=15.0), "expected")

@@ -4,9 +4,9 @@ import gzip
 
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.kinds import LOG, TABLE, file_kind
 from stiction_envs.measured.tables import SJE_COLUMNS
+from tests.refusal import refusal
 
 SJE = ",".join(SJE_COLUMNS)
 
@@ -43,7 +43,6 @@ def test_packed_missing_and_broken_files_are_left_to_their_reader(tmp_path):
 
 def test_neither(tmp_path):
     (tmp_path / "a.csv").write_text("name,age\n")
-    with pytest.raises(StictionError, match="neither a torque table nor a joint log") as caught:
-        file_kind(tmp_path / "a.csv")
-    assert "expected robot,joint,load" in str(caught.value)
-    assert "t,q1..qn with tau1..taun or q_cmd1..q_cmdn" in str(caught.value)
+    line = refusal(lambda: file_kind(tmp_path / "a.csv"), "neither a torque table nor a joint log")
+    assert "expected robot,joint,load" in line
+    assert "t,q1..qn with tau1..taun or q_cmd1..q_cmdn" in line

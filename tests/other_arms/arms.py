@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.hidden.imperfect_arms import perturbed, presliding
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.robots import Arm, load_arm
@@ -65,10 +66,8 @@ def log_of(arm: Arm, trajectory: Path, log: Path, rate: float = 100.0) -> None:
         + 0.3 * dry * dq
     )
     tau += 0.02 * dry * rng.normal(size=q.shape)
-    joints = range(1, arm.n + 1)
-    head = ["t", *(f"{x}{j}" for x in ("q", "dq", "tau") for j in joints)]
-    rows = np.column_stack([t, q + 1e-5 * rng.normal(size=q.shape), dq, tau])
-    np.savetxt(log, rows, fmt="%.9g", delimiter=",", header=",".join(head), comments="")
+    seen = q + 1e-5 * rng.normal(size=q.shape)
+    log.write_text(log_csv(t, digits=9, q=seen, dq=dq, tau=tau))
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
 
 from stiction_envs.robots import load_arm
+from tests.command_line import csv_rows
 from tests.other_arms.arms import ARMS, Case, file_of
 
 ONE = ("--joint", 1, "--load", "no_load", "--direction", "+")
@@ -21,8 +21,7 @@ def test_each_arm_is_exported_and_breaks_away_and_the_longer_commands_take_turns
     case.done("export")
     case.exports("export")
     case.done("sje", *ONE)
-    with open("sje/sje.csv", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = csv_rows(Path("sje/sje.csv"))
     assert float(row["tau_nm"]) > 0
     report = Path("sje/report.md").read_text("utf-8")
     stated = load_arm(file_of(case.name), chain=ARMS[case.name][1]).stated.dry

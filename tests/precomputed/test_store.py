@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stiction_envs.precomputed import store
+from tests.command_line import python
 
 NUMBERS = {"a": 0.1 + 0.2, "b": [[5e-324, -0.0], [1e300, 1 / 3]], "c": [True, False], "d": 7}
 
@@ -76,7 +75,7 @@ def test_all_code_that_makes_a_result_counts():
         "import sys, tests.envs.make_precomputed\n"
         "print(*(m for m in sys.modules if m.startswith('stiction_envs.')))"
     )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    ran = python(code)
     rooms = {name.split(".")[1] for name in ran.stdout.split()}
     counted = {name.removesuffix(".py") for name in store.MADE_BY}
     assert rooms - counted == {"arrays", "envs", "errors", "reporting", "version"} & rooms

@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
 # As in MuJoCo Menagerie: defaults, actuators, a hand with two coupled fingers, a keyframe. Masses
@@ -117,6 +116,14 @@ def write_arms(folder: Path) -> Path:
     return folder
 
 
+def states(arm: Arm, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles within the limits, speeds and accelerations (count, n) [rad, s]."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(*arm.limits.position.T, (count, arm.n))
+    dq, ddq = rng.uniform(-3, 3, (2, count, arm.n))
+    return q, dq, ddq
+
+
 def flange(arm: Arm, q: np.ndarray) -> np.ndarray:
     """Pose (4, 4) of the end effector at angles (n,) [rad]."""
     model = arm.model()
@@ -129,11 +136,6 @@ def flange(arm: Arm, q: np.ndarray) -> np.ndarray:
     return pose
 
 
-def one_clear_line(error: StictionError, where: str) -> None:
-    assert "\n" not in str(error)
-    assert where in str(error)
-
-
 def chain(n: int, kind: str = "hinge", mass: str = "1", extra: str = "") -> str:
     """MJCF of ``n`` joints j1, j2, ... of one ``kind`` in a row, ``extra`` in the last link."""
     text = extra
@@ -143,3 +145,7 @@ def chain(n: int, kind: str = "hinge", mass: str = "1", extra: str = "") -> str:
             f'<geom size="0.05" mass="{mass}"/>{text}</body>'
         )
     return f"<mujoco><worldbody>{text}</worldbody></mujoco>"
+
+
+TWO = chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>')
+"""MJCF of an arm of two joints that feel gravity: quick to simulate."""

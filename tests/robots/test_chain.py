@@ -8,8 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.robots import load_arm
+from tests.refusal import refusal
 
 ARM = """
 <body name="{side}_mount" pos="0 {y} 0.1" euler="10 20 30">
@@ -118,7 +118,7 @@ def test_a_tip_without_a_site_is_the_flange(tmp_path: Path):
     [
         (
             ("torso", "right_gripper"),
-            "no link 'right_gripper': expected one of wheels, torso, left",
+            "no link 'right_gripper': expected one of wheels, torso, l",
         ),
         (("right_hand", "torso"), "link 'torso' is not behind link 'right_hand'"),
         (("torso", "torso"), "link 'torso' is not behind link 'torso'"),
@@ -127,17 +127,13 @@ def test_a_tip_without_a_site_is_the_flange(tmp_path: Path):
     ],
 )
 def test_bad_chains_are_refused(tmp_path: Path, chain, says: str):
-    with pytest.raises(StictionError) as caught:
-        load_arm(write(tmp_path, home=False), chain=chain)
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
+    path = write(tmp_path, home=False)
+    refusal(lambda: load_arm(path, chain=chain), says)
 
 
 def test_a_bigger_robot_names_its_arms(tmp_path: Path):
     path = write(tmp_path, home=False)
-    with pytest.raises(StictionError) as caught:
-        load_arm(path)
-    assert str(caught.value).endswith(
+    assert refusal(lambda: load_arm(path)).endswith(
         "; of a bigger robot take one arm: chain left_mount left_hand (or right_mount right_hand)"
     )
     for base, tip in (("left_mount", "left_hand"), ("right_mount", "right_hand")):
@@ -154,5 +150,4 @@ def test_an_impossible_inertia_of_a_fixed_body_does_not_matter(tmp_path: Path):
     )
     assert load_arm(path).n == 2
     path.write_text(path.read_text("utf-8").replace('<body name="l2"', f'{bad}<body name="l2"'))
-    with pytest.raises(StictionError, match="'l1'"):
-        load_arm(path)
+    refusal(lambda: load_arm(path), "'l1'")

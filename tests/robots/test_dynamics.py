@@ -10,18 +10,12 @@ import pinocchio as pin
 import pytest
 
 from stiction_envs.robots import BUILTIN, Arm, load_arm
-from tests.robots.arms import write_arms
+from tests.robots.arms import states, write_arms
 
 STATES = 200
 TOLERANCE = 1e-9
 PAYLOAD = (1.7, 0.02, -0.03, 0.08)
 TILT = (0.2, -0.35)
-
-
-def _states(arm: Arm, count: int) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(7)
-    q = rng.uniform(*arm.limits.position.T, size=(count, arm.n))
-    return q, rng.uniform(-1, 1, size=(count, arm.n)) * arm.limits.velocity
 
 
 def _disagreement(arm: Arm, count: int) -> dict[str, float]:
@@ -40,7 +34,7 @@ def _disagreement(arm: Arm, count: int) -> dict[str, float]:
         error = float(np.abs(ours - theirs).max() / max(scale, np.abs(theirs).max()))
         worst[what] = max(worst.get(what, 0.0), error)
 
-    for q, v in zip(*_states(arm, count), strict=True):
+    for q, v, _ in zip(*states(arm, count), strict=True):
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -88,21 +82,3 @@ def test_pinocchio_agrees_with_mujoco(name, tilt, payload):
 def test_pinocchio_agrees_on_users_arms(tmp_path: Path, name: str):
     worst = _disagreement(load_arm(write_arms(tmp_path) / name, payload=PAYLOAD, tilt=TILT), 200)
     assert max(worst.values()) < TOLERANCE, worst
-
-
-def test_payload_weighs_on_the_flange():
-    """Weight times lever: dg = -J_com^T (0, 0, -m g)."""
-    arm, loaded = load_arm("iiwa7"), load_arm("iiwa7", payload=PAYLOAD)
-    m, *com = PAYLOAD
-    model, bare = arm.model(), mujoco.MjData(arm.model())
-    heavy = mujoco.MjData(loaded.model())
-    for q in _states(arm, 20)[0]:
-        for mj, data in ((model, bare), (loaded.model(), heavy)):
-            data.qpos[:] = q
-            mujoco.mj_forward(mj, data)
-        site = model.site("flange").id
-        point = bare.site_xpos[site] + bare.site_xmat[site].reshape(3, 3) @ com
-        lever = np.zeros((3, 7))
-        mujoco.mj_jac(model, bare, lever, None, point, model.body("link7").id)
-        expected = -lever.T @ np.array([0, 0, -9.81 * m])
-        np.testing.assert_allclose(heavy.qfrc_bias - bare.qfrc_bias, expected, atol=1e-10)

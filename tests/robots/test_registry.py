@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from stiction_envs.cli import main
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
 from stiction_envs.measured import read_sje
 from stiction_envs.robots import ARMS, BUILTIN, arm_title, load_arm, register_arm_folder
+from tests.refusal import refusal
 from tests.robots.arms import chain
 
 TOML = """
@@ -58,11 +58,7 @@ def toy(tmp_path_factory) -> Path:
 
 def test_it_is_loaded_by_name():
     arm = load_arm("toy", payload=(0.2, 0, 0, 0.05))
-    assert (arm.name, arm.joint_names, arm.registered) == (
-        "toy",
-        ("j1", "j2", "j3"),
-        True,
-    )
+    assert (arm.name, arm.joint_names, arm.registered) == ("toy", ("j1", "j2", "j3"), True)
     np.testing.assert_array_equal(arm.limits.torque, [20, 20, 8])
     np.testing.assert_array_equal(arm.rest, [0, 0.3, 0.5])
     np.testing.assert_array_equal(load_friction("toy", 3).stiction[:, 0], [0.6, 0.5, 0.3])
@@ -86,11 +82,7 @@ BAD = {
     "no arm": ("", TOML, "no arm: expected NAME.xml and NAME.toml"),
     "name taken": ("panda", TOML, "arm 'panda': expected .* other than .*panda"),
     "no name": ("a b", TOML, "arm 'a b': expected letters"),
-    "environment taken": (
-        "new",
-        'environment = "Iiwa"',
-        "'Iiwa': expected a name other than .*Iiwa",
-    ),
+    "environment taken": ("new", 'environment = "Iiwa"', "'Iiwa': expected a name other than .*Ii"),
     "no environment": ("new", 'environment = "My Arm"', "environment 'My Arm': expected letters"),
     "no TOML": ("new", "environment = Toy", r"new\.toml: not a TOML file"),
 }
@@ -103,8 +95,6 @@ def test_bad_arm_folders_are_refused(tmp_path, name, toml, message):
         write_arm(tmp_path, name, toml)
     else:
         (tmp_path / "robots" / "good.toml").unlink()
-    with pytest.raises(StictionError, match=message) as error:
-        register_arm_folder(tmp_path)
-    assert "\n" not in str(error.value)
+    refusal(lambda: register_arm_folder(tmp_path), message)
     assert "good" not in ARMS
     assert "GoodSJE-v0" not in gym.registry

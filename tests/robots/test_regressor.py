@@ -1,9 +1,9 @@
 """The regressor is inverse dynamics; base parameters are what torques can show; pseudo-inertias."""
 
-import mujoco
 import numpy as np
 import pytest
 
+from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.robots import BUILTIN, load_arm
 from stiction_envs.robots.regressor import (
     PARAMETERS,
@@ -15,29 +15,16 @@ from stiction_envs.robots.regressor import (
     pseudo_inertia,
     torque_regressor,
 )
-
-
-def states(arm, count=60, seed=0):
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(*arm.limits.position.T, (count, arm.n))
-    dq, ddq = rng.uniform(-3, 3, (2, count, arm.n))
-    return q, dq, ddq
+from tests.robots.arms import states
 
 
 @pytest.mark.parametrize("options", [{}, {"payload": (1.2, 0.01, 0.02, 0.06), "tilt": (0.2, -0.3)}])
 @pytest.mark.parametrize("name", BUILTIN)
 def test_regressor_times_parameters_is_mujocos_inverse_dynamics(name, options):
     arm = load_arm(name, **options)
-    q, dq, ddq = states(arm)
-    pinocchio = arm.pinocchio()
-    tau = torque_regressor(pinocchio, q, dq, ddq) @ inertial_parameters(pinocchio).ravel()
-    model = arm.model()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data = mujoco.MjData(model)
-    for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        np.testing.assert_allclose(tau[k], data.qfrc_inverse, atol=1e-9)
+    motion, pinocchio = states(arm, 60), arm.pinocchio()
+    tau = torque_regressor(pinocchio, *motion) @ inertial_parameters(pinocchio).ravel()
+    np.testing.assert_allclose(tau, inverse_torque(arm.model(), *motion), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", BUILTIN)

@@ -9,12 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.friction.export import plain_mjcf
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.robots import load_arm
-from tests.robots.arms import chain, flange, one_clear_line, write_arms
+from tests.refusal import refusal
+from tests.robots.arms import chain, flange, write_arms
 
 
 @pytest.fixture
@@ -129,9 +129,7 @@ def test_refused_files(tmp_path: Path, case: str):
     text, message = REFUSED[case]
     path = tmp_path / f"{case}.xml"
     path.write_text(text)
-    with pytest.raises(StictionError, match=message) as caught:
-        load_arm(path)
-    one_clear_line(caught.value, case)
+    assert case in refusal(lambda: load_arm(path), message)
 
 
 @pytest.mark.parametrize(
@@ -148,9 +146,7 @@ def test_refused_files(tmp_path: Path, case: str):
 )
 def test_bad_toml_beside_an_own_file(own: Path, text: str, message: str):
     (own / "two.toml").write_text(text)
-    with pytest.raises(StictionError, match=message) as caught:
-        load_arm(own / "two.urdf")
-    one_clear_line(caught.value, "two.toml")
+    assert "two.toml" in refusal(lambda: load_arm(own / "two.urdf"), message)
 
 
 @pytest.mark.parametrize("robot", ["panda", "two.urdf"])
@@ -168,14 +164,6 @@ def test_limits_and_rest_survive_being_written(own: Path, robot: str):
         np.testing.assert_array_equal(again.rest, arm.rest)
 
 
-def two(folder: Path, toml: str) -> Path:
-    """Write an arm of two joints with a TOML beside it; return its path."""
-    path = folder / "two.xml"
-    path.write_text(chain(2), encoding="utf-8")
-    path.with_suffix(".toml").write_text(toml, encoding="utf-8")
-    return path
-
-
 BOUNDED = {
     "limits.position": "rad",
     "limits.velocity": "rad/s",
@@ -189,12 +177,11 @@ BOUNDED = {
 
 @pytest.mark.parametrize("value", [1e308, -1e308, float("inf"), float("-inf")])
 @pytest.mark.parametrize("key", BOUNDED)
-def test_a_number_that_no_joint_can_have_is_refused(key, value, tmp_path):
+def test_a_number_that_no_joint_can_have_is_refused(key, value, own: Path):
     """The error names number, place and expected range; only a torque rate may be infinite."""
-    path = two(tmp_path, f"[{key}]\nvalue = {value}\n")
+    (own / "two.toml").write_text(f"[{key}]\nvalue = {value}\n")
     if (key, value) == ("limits.torque_rate", float("inf")):
-        assert np.isinf(load_arm(path).limits.torque_rate).all()
+        assert np.isinf(load_arm(own / "two.urdf").limits.torque_rate).all()
         return
     line = rf"two\.toml, {re.escape(f'{key}: {value:g} {BOUNDED[key]}')}: expected "
-    with pytest.raises(StictionError, match=line):
-        load_arm(path)
+    refusal(lambda: load_arm(own / "two.urdf"), line)

@@ -1,6 +1,5 @@
 """``python -m benchmarks.thesis``: items, their page, and what is refused."""
 
-import csv
 import json
 import re
 from collections.abc import Callable
@@ -19,10 +18,9 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import thesis_table
 from stiction_envs.measured.thesis_tables import THESIS_TABLES
 from tests.benchmarks.thesis import made_up
-from tests.command_line import Ran
+from tests.command_line import ROOT, Ran, csv_rows
 
 PAGES = {"index.html", "report.md", "provenance.json"}
-ROOT = Path(__file__).parents[3]
 FIGURES = [
     *("2.3", *(f"4.{k}" for k in range(1, 9)), "A.1", "E.1", "F.1", "F.2"),
     *(f"{appendix}.{joint}" for appendix in "BCD" for joint in range(1, 8)),
@@ -48,14 +46,8 @@ def simulated(monkeypatch) -> None:
     def curve(robot: str, *, threads: int = 0) -> FrictionCurve:
         two, speed = np.ones(2), np.array([-0.1, -0.001, 0.001, 0.1])
         levels = {"stiction": 0.7 * two, "coulomb": 0.6 * two}
-        found = FrictionCurve(
-            robot=robot,
-            **levels,
-            stribeck=0.003 * two,
-            viscous=0.1 * two,
-            speed=speed,
-            torque=np.zeros(4),
-        )
+        levels |= {"stribeck": 0.003 * two, "viscous": 0.1 * two}
+        found = FrictionCurve(robot=robot, **levels, speed=speed, torque=np.zeros(4))
         found.torque[:] = 1.1 * found.law(speed)
         return found
 
@@ -98,8 +90,7 @@ def test_a_figure_and_a_table_write_exactly_their_files_and_a_page(thesis, work,
             assert f'id="{link[1:]}"' in text
         elif not link.startswith("data:image/png;base64,"):
             assert (work / "a" / link).is_file()
-    with open(work / "a" / "tables" / "table_4_5.csv", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(work / "a" / "tables" / "table_4_5.csv")
     assert [r["tau_sje_Nm"] for r in rows] == [repr(r["tau_sje_Nm"]) for r in thesis_table("4.5")]
     for row in rows:
         gap = float(row["simulated_change_pct"]) - float(row["change_pct"])

@@ -1,6 +1,5 @@
 """Tables and figures of made-up measurements."""
 
-import csv
 import dataclasses
 import math
 
@@ -28,6 +27,7 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
 from stiction_envs.measured import thesis_base, thesis_dithered, thesis_table
 from tests.benchmarks.thesis.made_up import measurement, run_paths
+from tests.command_line import csv_rows
 
 
 def torques(number: str, effect: float = 1.0) -> Found:
@@ -52,8 +52,7 @@ def written(key: str, found: Found, tmp_path) -> tuple[str, str, list[dict[str, 
     """Return comparison and text of a table, and the lines of its CSV."""
     (item,) = chosen([key])
     compared, body = item.write(found, tmp_path)
-    with open(tmp_path / item.file, encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(tmp_path / item.file)
     # a cell for every column, and a column for every cell
     assert all(None not in row and None not in row.values() for row in rows)
     return compared, body, rows
@@ -203,8 +202,8 @@ def test_sums_as_printed_have_all_signs_right(found, tmp_path):
     assert len(rows) == 24
     assert max(abs(float(r["difference_points"])) for r in rows) == pytest.approx(0, abs=1e-6)
     for row in rows:
-        for ours, theirs in (("simulated_no_dither", "mean_error_no_dither"),):
-            assert float(row[ours]) == pytest.approx(float(row[theirs]))
+        printed = float(row["mean_error_no_dither"])
+        assert float(row["simulated_no_dither"]) == pytest.approx(printed)
     assert list(rows[0])[:11] == list(thesis_table("4.11")[0])
 
 

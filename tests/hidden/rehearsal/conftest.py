@@ -9,14 +9,14 @@ import pytest
 from stiction_envs.hidden.rehearsal.replay import Replay, replay_of
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import dry, found, hidden
-from tests.robots.arms import chain
+from tests.robots.arms import TWO
 
 
 @pytest.fixture(scope="session")
 def two_xml(tmp_path_factory) -> Path:
     """MJCF of an arm of two joints that feel gravity."""
     path = tmp_path_factory.mktemp("arm") / "two.xml"
-    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    path.write_text(TWO)
     return path
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from dataclasses import replace
@@ -10,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named, register, unregister
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
@@ -21,7 +19,9 @@ from stiction_envs.hidden.rehearsal.torques import hideable
 from stiction_envs.hidden.servo_effects import EFFECTS as SERVO_EFFECTS
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw
 from stiction_envs.hidden.worlds import World
+from tests.command_line import csv_rows
 from tests.gap.small_logs import dry, found, hidden, only, write_csv
+from tests.refusal import refusal
 
 FEW = ("coulomb_friction", "gravity_compensation_missing")
 
@@ -79,8 +79,7 @@ def test_an_earlier_model_is_what_is_judged(two):
 
 def test_the_files_hold_all_of_it(rehearsed, tmp_path):
     folder = rehearsed.save(tmp_path / "out")
-    with (folder / "rehearsal.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(folder / "rehearsal.csv")
     assert [(r["cause"], int(r["joint"])) for r in rows] == [
         (r.cause, r.joint) for r in rehearsed.rows
     ]
@@ -156,10 +155,9 @@ def test_what_has_no_law_is_said_to_have_none(two):
 def test_bad_input(two, two_xml, tmp_path):
     log = tmp_path / "log.csv"
     write_csv(log, hidden(two, seconds=5.0))
-    with pytest.raises(StictionError, match="unknown cause 'rust': expected one of coulomb"):
-        rehearse(log, two_xml, causes=["rust"])
-    with pytest.raises(StictionError, match="unknown torque side 'both'"):
-        rehearse(log, two_xml, torque="both")
+    says = "unknown cause 'rust': expected one of coulomb"
+    refusal(lambda: rehearse(log, two_xml, causes=["rust"]), says)
+    refusal(lambda: rehearse(log, two_xml, torque="both"), "unknown torque side 'both'")
 
 
 def size_of(name: str, joint: int, known: bool, value: float) -> float:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.measured import AmplitudeRow, SJERow, write_amplitudes, write_sje
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.csv_text import write_lines
@@ -112,10 +113,8 @@ def test_continuous_joints_have_no_limits(tmp_path):
     t = np.arange(0, 8, 0.01)
     q = np.stack([1.5 * t, 0.5 * np.sin(t)], axis=1)
     tau = np.stack([np.cos(q[:, 0]), np.sin(3 * t)], axis=1)
-    header = "t,q1,q2,tau1,tau2"
     for angles, said in ((q, []), (np.angle(np.exp(1j * q)), ["remark"])):
-        rows = np.column_stack([t, angles, tau])
-        np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=header, comments="")
+        (tmp_path / "log.csv").write_text(log_csv(t, digits=15, q=angles, tau=tau))
         assert [x.kind for x in check(tmp_path / "log.csv", robot=robot).findings] == said
 
 

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import gzip
 import io
-import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.robots import Limits
+from tests.refusal import refusal
 
 JOINTS = 7
 ROWS = 200
@@ -49,12 +48,27 @@ def text_of(values: np.ndarray, header: str = HEADER) -> str:
     return out.getvalue()
 
 
-def torque_log(path: Path, n: int = JOINTS, **naming: object) -> JointLog:
-    return read_logs([path], n, naming=Naming(**naming))[0]
+def torque_log(
+    path: Path, n: int = JOINTS, *, limits: Limits | None = None, **naming: object
+) -> JointLog:
+    return read_logs([path], n, limits=limits, naming=Naming(**naming))[0]
 
 
-def servo_log(path: Path, n: int = JOINTS, **naming: object) -> ServoLog:
-    return read_servo_logs([path], n, naming=Naming(**naming))[0]
+def servo_log(
+    path: Path, n: int = JOINTS, *, limits: Limits | None = None, **naming: object
+) -> ServoLog:
+    return read_servo_logs([path], n, limits=limits, naming=Naming(**naming))[0]
+
+
+def assert_holds(
+    log: JointLog | ServoLog, values: np.ndarray, names: str = "t q dq tau", **within: float
+) -> None:
+    """A log has these channels of ``t, q, dq, tau`` (T, 1 + 3n), to the bit or within ``atol``."""
+    t, *rest = np.split(values, 1 + log.n * np.arange(3), axis=1)
+    expected = dict(zip(("t", "q", "dq", "tau"), (t[:, 0], *rest), strict=True))
+    for name in names.split():
+        tolerance = {"rtol": 0.0, "atol": 0.0, **within}
+        np.testing.assert_allclose(getattr(log, name), expected[name], err_msg=name, **tolerance)
 
 
 def put(path: Path, text: str | bytes) -> Path:
@@ -64,12 +78,8 @@ def put(path: Path, text: str | bytes) -> Path:
 
 def refuses(read: Callable[[], object], says: str) -> str:
     """Return the one line that refuses a file, with the pattern ``says`` and what is expected."""
-    with pytest.raises(StictionError) as error:
-        read()
-    message = str(error.value)
-    assert re.search(says, message), message
+    message = refusal(read, says)
     assert "expected" in message
-    assert "\n" not in message
     return message
 
 
@@ -135,7 +145,8 @@ def _small_degrees(values: np.ndarray) -> None:
     values[:, 1:8] += 1.2 * np.sin(12 * values[:, :1])
 
 
-GOOD = text_of(good_values())
+VALUES = good_values()
+GOOD = text_of(VALUES)
 ZIPPED = gzip.compress(GOOD.encode(), mtime=0)
 GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 5000, np.uint8))
 ALL = slice(None)

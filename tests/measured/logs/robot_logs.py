@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.robots import load_arm
+from tests.measured.logs.bad_logs import put
 
 Array = NDArray[np.float64]
 
@@ -24,22 +26,6 @@ def low_passed(x: Array, seconds: float, rate: float) -> Array:
     """First-order low-pass along the rows."""
     k = np.exp(-1 / rate / seconds)
     return lfilter([1 - k], [1, -k], x, axis=0, zi=k * x[:1])[0]
-
-
-def write(path: Path, columns: dict[str, Array | list[str]]) -> Path:
-    """Write columns as CSV with six digits after the point; text as it is."""
-    cells = [
-        [f"{x:.6f}" for x in column] if isinstance(column, np.ndarray) else column
-        for column in columns.values()
-    ]
-    lines = [",".join(columns), *(",".join(row) for row in zip(*cells, strict=True))]
-    path.write_text("\n".join(lines) + "\n", "utf-8")
-    return path
-
-
-def numbered(**signals: Array) -> dict[str, Array]:
-    """Return ``q1``, ``q2`` … from arrays (T, n)."""
-    return {f"{name}{j + 1}": x[:, j] for name, x in signals.items() for j in range(x.shape[1])}
 
 
 @dataclass(frozen=True)
@@ -77,7 +63,7 @@ def excitation(path: Path, *, seconds: float = 20.0, defects: bool = True) -> Sh
     dq_seen = dq + 1e-3 * rng.normal(size=q.shape)
     if not defects:
         seen = q + 1e-5 * rng.normal(size=q.shape)
-        return Shaken(write(path, {"t": t, **numbered(q=seen, dq=dq_seen, tau=tau)}), 0, 0, 0)
+        return Shaken(put(path, log_csv(t, q=seen, dq=dq_seen, tau=tau)), 0, 0, 0)
     # the arm shakes at 18 to 30 Hz: speeds and torques show it, the angles are those commanded
     hz, phase = rng.uniform(18, 30, 40), rng.uniform(0, 2 * np.pi, 40)
     shake = np.sin(2 * np.pi * np.outer(t, hz) + phase).sum(axis=1)[:, None]
@@ -98,8 +84,8 @@ def excitation(path: Path, *, seconds: float = 20.0, defects: bool = True) -> Sh
     clock = t[rows][order] + 4e-4 * rng.random(len(order))
     again = np.r_[False, order[1:] == order[:-1]]
     clock[again] = clock[np.flatnonzero(again) - 1] + 1e-4
-    names = numbered(q=angles, dq=dq_seen[rows][order], tau=tau[rows][order])
-    return Shaken(write(path, {"t": clock, **names}), len(twice), len(old), len(half))
+    text = log_csv(clock, q=angles, dq=dq_seen[rows][order], tau=tau[rows][order])
+    return Shaken(put(path, text), len(twice), len(old), len(half))
 
 
 def sweeps(
@@ -113,7 +99,7 @@ def sweeps(
     arm, rate = load_arm("iiwa14"), 200.0
     rng = np.random.default_rng(joint)
     t = np.arange(round(seconds * rate)) / rate
-    parts, runs = [], []
+    parts, runs = [], ["run,segment"]
     for speed in np.linspace(0.1, 0.45, 8):
         reach = min(0.7, speed * seconds / 4)
         there = reach * np.abs((speed * t / reach) % 2 - 1)
@@ -128,8 +114,7 @@ def sweeps(
         dq = low_passed(dq, 0.02, rate)
         q = q + 1e-6 * rng.normal(size=q.shape)
         parts.append(np.column_stack([t, q, dq, tau]))
-        runs += [f"j{joint}_v{speed:.2f}"] * len(t)
+        runs += [f"j{joint}_v{speed:.2f},0"] * len(t)
     t, q, dq, tau = np.split(np.concatenate(parts), np.cumsum([1, arm.n, arm.n]), axis=1)
-    segment = ["0"] * len(t)
-    names = numbered(q=q, dq=dq, tau=tau)
-    return write(path, {"run": runs, "segment": segment, "t": t[:, 0], **names})
+    rows = log_csv(t[:, 0], q=q, dq=dq, tau=tau).splitlines()
+    return put(path, "\n".join(map(",".join, zip(runs, rows, strict=True))) + "\n")

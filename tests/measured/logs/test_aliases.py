@@ -7,16 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.aliases import Column, column_of, our_names
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import GOOD, good_values, put, text_of
+from tests.measured.logs.bad_logs import (
+    GOOD,
+    VALUES,
+    assert_holds,
+    header_of,
+    put,
+    refuses,
+    text_of,
+    torque_log,
+)
 
 LIMITS = load_arm("panda").limits
-VALUES = good_values()
 DEGREE = np.pi / 180
 
 
@@ -71,8 +77,8 @@ def test_what_a_name_says(name: str, says: tuple | None) -> None:
 )
 def test_other_names_give_the_same_numbers(tmp_path: Path, names: str) -> None:
     path = put(tmp_path / "log.csv", text_of(VALUES, names))
-    own = read_logs([put(tmp_path / "own.csv", GOOD)], 7, limits=LIMITS)[0]
-    (log,) = read_logs([path], 7, limits=LIMITS)
+    own = torque_log(put(tmp_path / "own.csv", GOOD), limits=LIMITS)
+    log = torque_log(path, limits=LIMITS)
     for got, expected in zip(log.arrays, own.arrays, strict=True):
         np.testing.assert_array_equal(got, expected)
     for found in (check(path), check(path, robot="panda")):
@@ -91,12 +97,10 @@ def test_units_of_a_header_or_a_row_are_used(tmp_path: Path) -> None:
     units = ",".join(["ms", *["°"] * 7, *["°/s"] * 7, *["mN·m"] * 7])
     rows = text_of(values, bare).replace(bare, f"{bare}\n{units}")
     for text in (text_of(values, names), rows):
-        (log,) = read_logs([put(tmp_path / "log.csv", text)], 7, limits=LIMITS)
-        for got, expected in ((log.t, 0), (log.q, slice(1, 8)), (log.tau, slice(15, 22))):
-            np.testing.assert_allclose(got, VALUES[:, expected], atol=1e-7)
+        log = torque_log(put(tmp_path / "log.csv", text), limits=LIMITS)
+        assert_holds(log, VALUES, "t q tau", rtol=1e-7, atol=1e-7)
         assert any("units as the table says: t in ms, q in" in c.text for c in log.corrections)
-    naming = Naming(units="deg")
-    (asked,) = read_logs([put(tmp_path / "log.csv", text_of(values, names))], 7, naming=naming)
+    asked = torque_log(put(tmp_path / "log.csv", text_of(values, names)), units="deg")
     np.testing.assert_allclose(asked.q, VALUES[:, 1:8], atol=1e-7)
 
 
@@ -107,7 +111,7 @@ def test_a_german_excel(tmp_path: Path) -> None:
     names = header("q{} [°]", "dq{} [°/s]", "tau{} [Nm]", time="Zeit [s]")
     text = text_of(values, names).replace(",", ";").replace(".", ",")
     path = put(tmp_path / "log.csv", text.encode("cp1252"))
-    (log,) = read_logs([path], 7, limits=LIMITS)
+    log = torque_log(path, limits=LIMITS)
     np.testing.assert_allclose(log.q, VALUES[:, 1:8], atol=1e-8)
     said = str(check(path, robot="panda"))
     for text in ("Zeit [s] is t", "q in °, dq in °/s", "semicolons between its cells and decimal"):
@@ -120,7 +124,7 @@ def test_dates_say_their_unit(tmp_path: Path, unit: str, parts: float) -> None:
     stamps = ["t", *(str(round((1.7e9 + t) * parts)) for t in VALUES[:, 0])]
     lines = [f"{t},{row}" for t, row in zip(stamps, rows, strict=True)]
     path = put(tmp_path / "log.csv", "# a robot\n# its day\n" + "\n".join(lines) + "\n")
-    (log,) = read_logs([path], 7)
+    log = torque_log(path)
     np.testing.assert_allclose(log.t, VALUES[:, 0], atol=1e-6)
     assert log.date == pytest.approx(1.7e9)
     assert f"remark: times are dates in {unit}" in str(check(path))
@@ -139,37 +143,29 @@ def test_joints_by_name(tmp_path: Path) -> None:
     block = [np.column_stack([x[:, ::-1], x[:, 0] * 0]) for x in np.split(VALUES[:, 1:], 3, axis=1)]
     table = np.column_stack([VALUES[:, :1], *block])
     path = put(tmp_path / "log.csv", text_of(table, ",".join(names)))
-    for naming in (Naming(robot=robot), Naming(joints=robot)):
-        (log,) = read_logs([path], 7, naming=naming)
+    for log in (torque_log(path, robot=robot), torque_log(path, joints=robot)):
         np.testing.assert_allclose(log.q, VALUES[:, 1:8], rtol=1e-8)
         assert any("joints 1 to 7 are base, shoulder_lift" in c.text for c in log.corrections)
-    with pytest.raises(StictionError, match=r"its joints are .*name the joints"):
-        read_logs([path], 7)
+    refuses(lambda: torque_log(path), r"its joints are .*name the joints")
 
 
 def test_columns_as_a_person_names_them(tmp_path: Path) -> None:
     path = put(tmp_path / "log.csv", text_of(VALUES, header("W{}", "V{}", "M{}", time="Zeit")))
-    (log,) = read_logs([path], 7, naming=Naming(columns=("t=Zeit", "q=W", "dq=V", "tau=M")))
+    log = torque_log(path, columns=("t=Zeit", "q=W", "dq=V", "tau=M"))
     np.testing.assert_allclose(log.tau, VALUES[:, 15:], rtol=1e-8)
     listed = ("t", "q1..q7", "dq1..dq7", "tau1..tau7")
     bare = put(tmp_path / "bare.csv", GOOD.split("\n", 1)[1])
     for file in (path, bare):
-        (log,) = read_logs([file], 7, naming=Naming(columns=listed))
+        log = torque_log(file, columns=listed)
         np.testing.assert_allclose(log.t, VALUES[:, 0], rtol=1e-8)
-    for columns, says in (
-        (("t=Uhr",), "unknown column 'Uhr': expected one of Zeit, W1"),
-        (("t", "q1"), "2 names for 22 columns"),
-        (("zeit=Zeit",), "columns: 'zeit': expected t, q, q1"),
-    ):
-        with pytest.raises(StictionError, match=says):
-            read_logs([path], 7, naming=Naming(columns=columns))
+    refuses(lambda: torque_log(path, columns=("t=Uhr",)), "unknown column 'Uhr': expected one of Z")
+    refuses(lambda: torque_log(path, columns=("t", "q1")), "2 names for 22 columns")
+    refuses(lambda: torque_log(path, columns=("zeit=Zeit",)), "columns: 'zeit': expected t, q, q1")
 
 
 def test_a_chain_knows_the_joints_of_its_robot(tmp_path: Path) -> None:
     """One arm of two: its own names, and all names in the file's order, in `Arm.whole`."""
-    link = (
-        '<inertial mass="1" pos="0 0 .1" diaginertia=".01 .01 .01"/><joint name="{0}" axis="{1}"/>'
-    )
+    link = '<geom size="0.1" mass="1"/><joint name="{0}" axis="{1}"/>'
     arm = "<body name='{0}1' pos='{1} 0 0'>" + link.format("{0}a", "0 1 0") + "<body name='{0}2'"
     arm += " pos='0 0 .2'>" + link.format("{0}b", "1 0 0") + "</body></body>"
     text = "<mujoco><worldbody><body name='torso'>{}{}</body></worldbody></mujoco>"
@@ -180,10 +176,8 @@ def test_a_chain_knows_the_joints_of_its_robot(tmp_path: Path) -> None:
     assert chain.whole == ("lefta", "leftb", "righta", "rightb")
     assert load_arm("panda").whole == ()
     q = VALUES[:, [0, *range(1, 5), *range(15, 19)]]
-    names = "t,q1,q2,q3,q4,tau1,tau2,tau3,tau4"
-    found = check(
-        put(tmp_path / "log.csv", text_of(q, names)), robot=path, chain=("torso", "right2")
-    )
+    log = put(tmp_path / "log.csv", text_of(q, header_of("q", "tau", joints=4)))
+    found = check(log, robot=path, chain=("torso", "right2"))
     assert "joints 3, 4 of the whole robot's 4 are read" in str(found)
 
 

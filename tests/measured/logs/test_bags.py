@@ -5,21 +5,27 @@ from __future__ import annotations
 import sqlite3
 import sys
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.formats import base
-from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.log_files import drives
-from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
-from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import good_values, put, refuses
+from tests.measured.logs.bad_logs import (
+    VALUES,
+    assert_holds,
+    good_values,
+    put,
+    refuses,
+    servo_log,
+    torque_log,
+)
 from tests.measured.logs.ros_bags import (
     FINGERS,
     KINDS,
@@ -32,22 +38,18 @@ from tests.measured.logs.ros_bags import (
     states,
     write_bag,
 )
+from tests.refusal import refusal
 
 ARM = load_arm("panda")
-VALUES = good_values()
-NAMING = Naming(robot=ARM.joint_names)
-
-
-def read(path: Path, **naming: Any) -> JointLog:
-    made = Naming(robot=ARM.joint_names, **naming)
-    return read_logs([path], 7, limits=ARM.limits, naming=made)[0]
+read = partial(torque_log, limits=ARM.limits, robot=ARM.joint_names)
+servo = partial(servo_log, limits=ARM.limits, robot=ARM.joint_names)
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory) -> JointLog:
     path = tmp_path_factory.mktemp("plain") / "log.npz"
     np.savez(path, t=VALUES[:, 0], q=VALUES[:, 1:8], dq=VALUES[:, 8:15], tau=VALUES[:, 15:])
-    return read_logs([path], 7, limits=ARM.limits)[0]
+    return torque_log(path, limits=ARM.limits)
 
 
 def assert_same(log: JointLog, other: JointLog, *, speeds: bool = True) -> None:
@@ -106,17 +108,13 @@ def test_names_of_a_ur_need_the_robot_or_the_option(tmp_path: Path, plain: Joint
     """Names without numbers: by the robot's own, else as the caller says, else one line."""
     names = ("base", "upper", "lower", "wrist_1", "wrist_2", "wrist_3", "tool")
     path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names))
-    own = read_logs([path], 7, limits=ARM.limits, naming=Naming(robot=names))[0]
-    assert_same(own, plain)
+    assert_same(read(path, robot=names), plain)
     assert_same(read(path, joints=names), plain)
-    turned = read_logs([path], 7, naming=Naming(joints=names[::-1]))[0]
+    turned = torque_log(path, joints=names[::-1])
     np.testing.assert_array_equal(turned.tau, plain.tau[:, ::-1])
-    with pytest.raises(StictionError, match=r"its joints are base, .*name the joints"):
-        read(path)
-    with pytest.raises(StictionError, match="unknown joint 'hip': expected one of"):
-        read(path, joints=("hip", *names[1:]))
-    with pytest.raises(StictionError, match="joints: 6 names: expected 7"):
-        read(path, joints=names[:6])
+    refuses(lambda: read(path), r"its joints are base, .*name the joints")
+    refuses(lambda: read(path, joints=("hip", *names[1:])), "unknown joint 'hip': expected one of")
+    refuses(lambda: read(path, joints=names[:6]), "joints: 6 names: expected 7")
 
 
 def test_joints_option_is_believed(tmp_path: Path) -> None:
@@ -127,23 +125,19 @@ def test_joints_option_is_believed(tmp_path: Path) -> None:
         [VALUES[:, :1], *(VALUES[:, a : a + 7] * s for a in (1, 8, 15) for s in (1, -1))]
     )
     path = write_bag(tmp_path / "log", "mcap", joint_states(both, left + right))
-    np.testing.assert_array_equal(
-        read_logs([path], 7, naming=Naming(joints=right))[0].q, -VALUES[:, 1:8]
-    )
-    with pytest.raises(StictionError, match="both left_joint1 to left_joint7 and right_joint1"):
-        read(path)
+    np.testing.assert_array_equal(torque_log(path, joints=right).q, -VALUES[:, 1:8])
+    refuses(lambda: read(path), "both left_joint1 to left_joint7 and right_joint1")
 
 
-@pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_franka_states(tmp_path: Path, kind: str, plain: JointLog) -> None:
-    """tau_J, not the command beside it."""
-    messages = franka_states("tau_J" if kind == "bag" else "tau_j")
-    log = read(write_bag(tmp_path / "log", kind, messages))
-    assert_same(log, plain)
-    assert log.side == "link"
+def franka_states(tau: str) -> list[Message]:
+    def fields(channels: np.ndarray) -> dict[str, Any]:
+        q, dq, torque = channels
+        return {"header": header, "q": q, "dq": dq, tau: torque, f"{tau}_d": 0 * torque}
+
+    return states(VALUES, "/franka_states", "franka_msgs/msg/FrankaState", fields)
 
 
-def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
+def franka_robot_states() -> list[Message]:
     def state(channels: np.ndarray) -> Any:
         names = [f"fr3_joint{j}" for j in range(1, 8)]
         return lambda known, *_: known.types["sensor_msgs/msg/JointState"](
@@ -154,8 +148,21 @@ def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
         measured, desired = state(channels), state(0 * channels)
         return {"header": header, "measured_joint_state": measured, "desired_joint_state": desired}
 
-    topic, kind = "/broadcaster/robot_state", "franka_msgs/msg/FrankaRobotState"
-    log = read(write_bag(tmp_path / "log", "mcap", states(VALUES, topic, kind, fields)))
+    return states(VALUES, "/broadcaster/state", "franka_msgs/msg/FrankaRobotState", fields)
+
+
+@pytest.mark.parametrize(
+    ("kind", "messages"),
+    [
+        ("bag", franka_states("tau_J")),
+        ("mcap", franka_states("tau_j")),
+        ("mcap", franka_robot_states()),
+    ],
+    ids=["franka_ros", "franka_ros2", "robot_state"],
+)
+def test_franka_states(tmp_path: Path, kind: str, messages: list[Message], plain: JointLog) -> None:
+    """tau_J, not the command beside it."""
+    log = read(write_bag(tmp_path / "log", kind, messages))
     assert_same(log, plain)
     assert log.side == "link"
 
@@ -202,41 +209,29 @@ def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
     path = write_bag(
         tmp_path / "two", "mcap", merged(measured, joint_states(wanted, topic="/other"), gripper)
     )
-    with pytest.raises(
-        StictionError, match=r"several topics .*: /franka/joint_states, /other: .*name the topic"
-    ):
-        read(path)
+    says = r"several topics .*: /franka/joint_states, /other: .*name the topic"
+    refuses(lambda: read(path), says)
     assert_same(read(path, topic="/franka/joint_states"), plain)
-    with pytest.raises(StictionError, match="unknown topic '/none': expected one of /franka"):
-        read(path, topic="/none")
+    refuses(lambda: read(path, topic="/none"), "unknown topic '/none': expected one of /franka")
 
 
 def test_a_topic_without_messages_asks_nothing(tmp_path: Path, plain: JointLog) -> None:
     silent = {"/desired": "sensor_msgs/msg/JointState"}
     path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES), silent=silent)
     assert_same(read(path), plain)
-    with pytest.raises(StictionError, match="/desired: no messages: expected one second"):
-        read(path, topic="/desired")
+    refuses(lambda: read(path, topic="/desired"), "/desired: no messages: expected one second")
 
 
 def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Refused at the message that is too many, so that memory is bounded."""
     monkeypatch.setattr(base, "MOST_VALUES", 50 * 22)
     path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
-    with pytest.raises(
-        StictionError, match="/joint_states: 51 rows or more: expected at most 1100"
-    ):
-        read_logs([path], 7, naming=NAMING)
+    refuses(lambda: read(path), "/joint_states: 51 rows or more: expected at most 1100")
 
 
 TOLD = VALUES[:, 1:8] + 0.02
 LEAD = 2_000_000
 """Commands come this much before the state that follows them [ns]."""
-
-
-def servo(path: Path, **naming: Any) -> ServoLog:
-    made = Naming(robot=ARM.joint_names, **naming)
-    return read_servo_logs([path], 7, limits=ARM.limits, naming=made)[0]
 
 
 def commands(topic: str, *, stamp: bool) -> list[Message]:
@@ -276,8 +271,7 @@ def test_messages_without_names_are_in_the_arms_order(
     assert_same(log, plain)
     assert "messages do not name their joints" in log.corrections[0].text
     assert check(path).findings == check(path, robot="panda").findings
-    with pytest.raises(StictionError, match="message 1: 7 joints, but the robot has 6"):
-        read_logs([path], 6)
+    refuses(lambda: torque_log(path, 6), "message 1: 7 joints, but the robot has 6")
 
 
 @pytest.mark.parametrize(
@@ -295,8 +289,7 @@ def test_commands_hold_until_the_next(tmp_path: Path, topic: str, stamp: bool) -
     log = servo(path)
     held = TOLD[np.arange(len(VALUES)) // 2 * 2]
     np.testing.assert_array_equal(log.q_cmd, held)
-    np.testing.assert_array_equal(log.q, VALUES[:, 1:8])
-    np.testing.assert_array_equal(log.tau, VALUES[:, 15:])
+    assert_holds(log, VALUES, "q tau")
     (text,) = [c.text for c in log.corrections if "commanded positions" in c.text]
     assert text.startswith(f"{topic}: commanded positions, each holds until the next")
     assert ("in the order of joints 1 to 7 (assumed)" in text) == (not stamp)
@@ -326,7 +319,7 @@ def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None
     assert drives(path) == ("position",)
     log = servo(path)
     np.testing.assert_array_equal(log.q_cmd, VALUES[:, 1:8] + 0.02)
-    np.testing.assert_array_equal(log.q, VALUES[:, 1:8])
+    assert_holds(log, VALUES, "q")
     assert log.tau is None
     assert not check(path, robot="panda").defects
 
@@ -340,14 +333,6 @@ def test_several_commands_are_chosen_by_topic(tmp_path: Path) -> None:
     np.testing.assert_array_equal(servo(two, topic="/b/cmd").q_cmd, servo(path).q_cmd)
     none = write_bag(tmp_path / "none", "mcap", joint_states(VALUES))
     refuses(lambda: servo(none), "no topics with commanded positions: expected one of a JointState")
-
-
-def franka_states(tau: str) -> list[Message]:
-    def fields(channels: np.ndarray) -> dict[str, Any]:
-        q, dq, torque = channels
-        return {"header": header, "q": q, "dq": dq, tau: torque, f"{tau}_d": 0 * torque}
-
-    return states(VALUES, "/franka_states", "franka_msgs/msg/FrankaState", fields)
 
 
 def text_bag(folder: Path, kind: str = "mcap") -> Path:
@@ -446,12 +431,10 @@ def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     """One line says what to install."""
     path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(StictionError, match=r"rosbags: pip install 'stiction-envs\[ros\]'"):
-        read(path)
+    refusal(lambda: read(path), r"rosbags: pip install 'stiction-envs\[ros\]'")
 
 
 def test_names_mean_nothing_to_a_csv(tmp_path: Path) -> None:
-    path = tmp_path / "log.csv"
-    path.write_text("t,q1\n0,0\n")
-    with pytest.raises(StictionError, match=r"^topic: the joints of .*log\.csv have numbers"):
-        read(path, topic="/joint_states")
+    path = put(tmp_path / "log.csv", "t,q1\n0,0\n")
+    says = r"^topic: the joints of .*log\.csv have numbers"
+    refusal(lambda: read(path, topic="/joint_states"), says)

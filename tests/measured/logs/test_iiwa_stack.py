@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.log_files import count_joints
-from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
-from tests.measured.logs.bad_logs import good_values, torque_log
+from stiction_envs.measured.logs.reader import drive_of
+from tests.measured.logs.bad_logs import VALUES, assert_holds, refuses, servo_log, torque_log
 from tests.measured.logs.ros_bags import (
     START,
     Message,
@@ -22,7 +21,6 @@ from tests.measured.logs.ros_bags import (
     write_bag,
 )
 
-VALUES = good_values()
 T, Q, DQ, TAU = VALUES[:, 0], VALUES[:, 1:8], VALUES[:, 8:15], VALUES[:, 15:]
 AXES = store("ros1").types["iiwa_msgs/msg/JointQuantity"]
 
@@ -65,10 +63,8 @@ def test_topics_become_one_log(tmp_path: Path) -> None:
     assert drive_of(path) == "torque"
     assert count_joints(path) == 7
     log = torque_log(path)
-    assert log.t == pytest.approx(T, abs=1e-9)
-    assert log.q == pytest.approx(Q, abs=1e-6)
-    assert log.dq == pytest.approx(DQ, abs=1e-6)
-    assert log.tau == pytest.approx(TAU, abs=1e-6)
+    assert_holds(log, VALUES, "t", atol=1e-9)
+    assert_holds(log, VALUES, "q dq tau", atol=1e-6)
     assert log.side == "link"
     assert log.date == pytest.approx(START / 1e9)
     text = log.corrections[0].text
@@ -95,21 +91,18 @@ def test_commands_make_a_servo_log(tmp_path: Path) -> None:
     told = stream("JointPosition", Q + 0.01, part="command", early=0.003)[::2]
     path = write_bag(tmp_path / "log", "bag", merged(stream("JointPosition", Q), told))
     assert drive_of(path) == "position"
-    (log,) = read_servo_logs([path], 7)
+    log = servo_log(path)
     held = Q[np.arange(len(T)) // 2 * 2] + 0.01
     assert log.q_cmd == pytest.approx(held, abs=1e-6)
     assert log.tau is None
-    with pytest.raises(StictionError, match="no topic state/JointTorque: expected it beside"):
-        torque_log(path)
+    refuses(lambda: torque_log(path), "no topic state/JointTorque: expected it beside")
 
 
 def test_two_arms(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "log", "bag", merged(arm(arm="/left"), arm(arm="/right")))
-    with pytest.raises(StictionError, match="several arms: /left/state/JointPosition, /right"):
-        torque_log(path)
-    assert torque_log(path, topic="/right/state/JointTorque").q == pytest.approx(Q, abs=1e-6)
-    with pytest.raises(StictionError, match="/up"):
-        torque_log(path, topic="/up")
+    refuses(lambda: torque_log(path), "several arms: /left/state/JointPosition, /right")
+    assert_holds(torque_log(path, topic="/right/state/JointTorque"), VALUES, "q", atol=1e-6)
+    refuses(lambda: torque_log(path, topic="/up"), "/up")
 
 
 def test_joint_states_beside_them_are_preferred(tmp_path: Path) -> None:
@@ -122,14 +115,10 @@ def test_joint_states_beside_them_are_preferred(tmp_path: Path) -> None:
 
 def test_what_is_no_such_log(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "log", "bag", arm())
-    with pytest.raises(StictionError, match="7 joints, but the robot has 6"):
-        read_logs([path], 6)
-    with pytest.raises(StictionError, match="no topic command/JointPosition"):
-        read_servo_logs([path], 7)
+    refuses(lambda: torque_log(path, 6), "7 joints, but the robot has 6")
+    refuses(lambda: servo_log(path), "no topic command/JointPosition")
     silent = {"/iiwa/state/JointTorque": "iiwa_msgs/msg/JointTorque"}
     path = write_bag(tmp_path / "silent", "bag", stream("JointPosition", Q), silent=silent)
-    with pytest.raises(StictionError, match="/iiwa/state/JointTorque: no messages"):
-        torque_log(path)
+    refuses(lambda: torque_log(path), "/iiwa/state/JointTorque: no messages")
     states = write_bag(tmp_path / "states", "bag", joint_states(VALUES))
-    with pytest.raises(StictionError, match="no topics with commanded positions"):
-        read_servo_logs([states], 7)
+    refuses(lambda: servo_log(states), "no topics with commanded positions")

@@ -10,14 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
-from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.log_files import count_joints
-from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
+from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.units import read_calibration
 from stiction_envs.reporting.provenance import sha256
-from tests.measured.logs.bad_logs import refuses, servo_log
+from tests.measured.logs.bad_logs import put, refuses, servo_log, torque_log
 from tests.measured.logs.lerobot_datasets import (
     SO101,
     TICK,
@@ -27,6 +25,7 @@ from tests.measured.logs.lerobot_datasets import (
     write_dataset,
     zero,
 )
+from tests.refusal import refusal
 
 N, FPS = 6, 30
 ROWS = 600
@@ -82,8 +81,8 @@ def test_percent_by_the_calibration_file(tmp_path: Path) -> None:
     ticks = in_ticks(ANGLES)
     ticks[:, 2] = ticks[0, 2]
     path = write_dataset(tmp_path / "set", normalised(ticks, False), normalised(ticks, False))
-    with pytest.raises(StictionError, match="elbow_flex is in percent of its calibrated range"):
-        read(path, units="percent")
+    says = "elbow_flex is in percent of its calibrated range"
+    refuses(lambda: read(path, units="percent"), says)
     log = read(path, units="percent", calibration=write_calibration(tmp_path / "arm.json"))
     at = (ticks[0, 2] - zero("elbow_flex")) * TICK
     assert log.q[:, 2] == pytest.approx(at, abs=1e-6)
@@ -104,17 +103,15 @@ def test_degrees_are_recognised_and_the_gripper_is_not_in_degrees(tmp_path: Path
 def test_units_that_nothing_shows_are_asked_for(tmp_path: Path) -> None:
     """Small angles without steps: degrees, percent or radians."""
     path = write_dataset(tmp_path / "set", COMMAND, COMMAND + 0.01)
-    with pytest.raises(StictionError, match=r"may be degrees, .*: expected units deg, percent"):
-        read(path)
+    refuses(lambda: read(path), r"may be degrees, .*: expected units deg, percent")
     (found,) = check(path).findings
     assert found.kind == "unreadable"
     assert check(path, units="rad").defects == ()
     assert read(path, units="rad").q == pytest.approx(COMMAND, abs=1e-6)
     assert "angles are in rad (as asked)" in read(path, units="rad").corrections[1].text
-    with pytest.raises(StictionError, match="units"):
-        read(path, units="turns")
+    refuses(lambda: read(path, units="turns"), "units")
     big = write_dataset(tmp_path / "big", 300 * COMMAND, 300 * COMMAND, robot=None)
-    (log,) = read_servo_logs([big], 5, naming=Naming(joints=SO101[:5]))
+    log = servo_log(big, 5, joints=SO101[:5])
     assert "angles are in deg (they reach" in log.corrections[1].text
     assert log.q == pytest.approx(np.radians(300 * COMMAND[:, :5]), rel=1e-4, abs=1e-4)
 
@@ -130,11 +127,11 @@ def test_torques_of_an_openarm(tmp_path: Path) -> None:
     state = np.stack([np.degrees(q), np.degrees(dq), tau], axis=2).reshape(len(t), -1)
     path = write_dataset(tmp_path / "set", state, state, names=names, robot="openarm_follower")
     assert drive_of(path) == "torque"
-    (log,) = read_logs([path], 2)
+    log = torque_log(path, 2)
     assert log.q == pytest.approx(q[:, :2], abs=1e-5)
     assert log.dq == pytest.approx(dq[:, :2], abs=1e-5)
     assert log.tau == pytest.approx(tau[:, :2], abs=1e-5)
-    (servo,) = read_servo_logs([path], 3)
+    servo = servo_log(path, 3)
     assert servo.q_cmd == pytest.approx(q, abs=1e-5)
     assert servo.tau == pytest.approx(tau, abs=1e-5)
     assert "(robot_type is 'openarm_follower')" in servo.corrections[1].text
@@ -142,14 +139,11 @@ def test_torques_of_an_openarm(tmp_path: Path) -> None:
 
 def test_joints_by_the_names_of_the_robot(tmp_path: Path) -> None:
     path = dataset(tmp_path / "set", False)
-    (log,) = read_servo_logs([path], 2, naming=Naming(robot=("wrist_flex", "elbow_flex")))
+    log = servo_log(path, 2, robot=("wrist_flex", "elbow_flex"))
     assert log.q == pytest.approx(ANGLES[:, [3, 2]], abs=0.6 * TICK)
-    with pytest.raises(StictionError, match=r"its joints are .*name the joints"):
-        read_servo_logs([path], 5)
-    with pytest.raises(StictionError, match="elbow"):
-        read_servo_logs([path], 2, naming=Naming(joints=("elbow", "wrist_flex")))
-    with pytest.raises(StictionError, match="topic"):
-        read(path, topic="/a")
+    refuses(lambda: servo_log(path, 5), r"its joints are .*name the joints")
+    refuses(lambda: servo_log(path, 2, joints=("elbow", "wrist_flex")), "elbow")
+    refusal(lambda: read(path, topic="/a"), "topic")
 
 
 def test_provenance_knows_the_numbers_and_not_the_films(tmp_path: Path) -> None:
@@ -216,15 +210,14 @@ def test_a_damaged_dataset_is_one_clear_line(tmp_path: Path, damage: str) -> Non
     change, says = DAMAGES[damage]
     change(path)
     n = 2 if damage == "too narrow" else N
-    refuses(lambda: read_servo_logs([path], n)[0], says)
+    refuses(lambda: servo_log(path, n), says)
 
 
 @pytest.mark.parametrize("text", ["", "{}", '{"a": {"id": 1, "range_min": 5, "range_max": 5}}'])
 def test_a_damaged_calibration_is_one_clear_line(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "arm.json"
-    path.write_text(text)
-    with pytest.raises(StictionError, match=r"arm\.json.*expected lerobot's JSON"):
-        read_calibration(path)
+    path = put(tmp_path / "arm.json", text)
+    refuses(lambda: read_calibration(path), r"arm\.json.*expected lerobot's JSON")
     other = write_calibration(tmp_path / "other.json", {"a": (0, 4095)})
-    with pytest.raises(StictionError, match="has no motor 'shoulder_pan': expected one of a"):
-        read(dataset(tmp_path / "set", False), calibration=other)
+    path = dataset(tmp_path / "set", False)
+    says = "has no motor 'shoulder_pan': expected one of a"
+    refuses(lambda: read(path, calibration=other), says)

@@ -7,13 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.log_files import count_joints
 from stiction_envs.measured.logs.reader import drive_of
-from tests.measured.logs.bad_logs import good_values, servo_log, torque_log
+from tests.measured.logs.bad_logs import VALUES, assert_holds, refuses, servo_log, torque_log
 
-VALUES = good_values()
 PANDA = tuple(f"panda_joint{j}" for j in range(1, 8))
 FIELDS = ("position", "velocity", "effort")
 START = 1_700_000_000.0
@@ -49,9 +47,7 @@ def test_joint_states(tmp_path: Path) -> None:
     assert drive_of(path) == "torque"
     assert count_joints(path) == 7
     log = torque_log(path)
-    assert log.q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
-    assert log.dq == pytest.approx(VALUES[:, 8:15], abs=1e-7)
-    assert log.tau == pytest.approx(VALUES[:, 15:], abs=1e-7)
+    assert_holds(log, VALUES, "q dq tau", atol=1e-7)
     assert log.date == START
     assert log.corrections[0].text.startswith("CSV of PlotJuggler")
     assert not check(path).defects
@@ -60,12 +56,10 @@ def test_joint_states(tmp_path: Path) -> None:
 def test_joints_by_name_whatever_their_order(tmp_path: Path) -> None:
     names = ("wrist", "elbow", "base", "lift", "a", "b", "c")
     path = write(tmp_path / "log.csv", joint_states(names=names))
-    assert torque_log(path, robot=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
-    assert torque_log(path, joints=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
-    with pytest.raises(StictionError, match="name the joints"):
-        torque_log(path)
-    with pytest.raises(StictionError, match="joint"):
-        torque_log(path, joints=(*names[:6], "d"))
+    for log in (torque_log(path, robot=names), torque_log(path, joints=names)):
+        assert_holds(log, VALUES, "q", atol=1e-7)
+    refuses(lambda: torque_log(path), "name the joints")
+    refuses(lambda: torque_log(path, joints=(*names[:6], "d")), "joint")
     assert count_joints(path) == 7
 
 
@@ -75,10 +69,9 @@ def test_commands_of_a_controller_hold_until_the_next(tmp_path: Path, side: str)
     path = write(tmp_path / "log.csv", rows)
     log = servo_log(path)
     assert len(log.t) == len(VALUES)
-    assert log.q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    assert_holds(log, VALUES, "q tau", atol=1e-7)
     held = VALUES[np.arange(len(VALUES)) // 2 * 2, 1:8]
     assert log.q_cmd == pytest.approx(held, abs=1e-7)
-    assert log.tau == pytest.approx(VALUES[:, 15:], abs=1e-7)
     # before the first command nothing is known
     late = write(tmp_path / "late.csv", joint_states() | commands(-0.002, f"{side}/positions"))
     assert len(servo_log(late).t) == len(VALUES) - 1
@@ -89,8 +82,6 @@ def test_several_topics(tmp_path: Path) -> None:
     for row, other in zip(rows.values(), joint_states("/other").values(), strict=True):
         row |= other
     path = write(tmp_path / "log.csv", rows)
-    with pytest.raises(StictionError, match="/joint_states, /other: expected one; name the topic"):
-        torque_log(path)
-    assert torque_log(path, topic="/other").q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
-    with pytest.raises(StictionError, match="/else"):
-        torque_log(path, topic="/else")
+    refuses(lambda: torque_log(path), "/joint_states, /other: expected one; name the topic")
+    assert_holds(torque_log(path, topic="/other"), VALUES, "q", atol=1e-7)
+    refuses(lambda: torque_log(path, topic="/else"), "/else")

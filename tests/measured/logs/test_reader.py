@@ -5,6 +5,7 @@ import gzip
 import re
 import resource
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,26 +13,27 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.formats import base, csv_file
-from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.measured.logs.reader import read_logs, read_poses
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import (
     BAD_FILES,
     GOOD,
     HEADER,
     SIX,
+    VALUES,
+    assert_holds,
     good_values,
+    header_of,
     put,
     refuses,
     text_of,
+    torque_log,
 )
+from tests.refusal import refusal
 
 LIMITS = load_arm("panda").limits
-
-
-def read(path: Path, n: int = 7) -> JointLog:
-    return read_logs([path], n, limits=LIMITS if n == 7 else None)[0]
+read = partial(torque_log, limits=LIMITS)
 
 
 def says(paths: list[Path]) -> str:
@@ -55,8 +57,7 @@ def test_what_is_no_file_or_not_one_log_is_one_clear_line(tmp_path: Path) -> Non
     (tmp_path / "log.csv").mkdir()
     assert "log.csv: a directory: expected a log file" in says([tmp_path / "log.csv"])
     assert "/dev/zero: no regular file" in says([Path("/dev/zero")])
-    with pytest.raises(StictionError, match="one or more"):
-        read_logs([], 7)
+    refusal(lambda: read_logs([], 7), "one or more")
     one, copy = (put(tmp_path / name, GOOD) for name in ("one.csv", "copy.csv"))
     assert re.search(r"copy\.csv: the same log as .*one\.csv", says([one, copy]))
     six = put(tmp_path / "six.csv", SIX)
@@ -72,19 +73,16 @@ def test_a_packed_bomb_is_cut_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     path = put(tmp_path / "bomb.csv.gz", bomb)
     del bomb
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(StictionError, match="over 4 MiB of text"):
-        read(path)
+    refusal(lambda: read(path), "over 4 MiB of text")
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # KiB
 
 
 def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(base, "MOST_VALUES", 1000)
-    with pytest.raises(StictionError, match="46 rows or more: expected at most 1000 numbers"):
-        read(put(tmp_path / "log.csv", text_of(good_values())))
-    v = good_values()
-    np.savez(tmp_path / "log.npz", t=v[:, 0], q=v[:, 1:8], tau=v[:, 15:])
-    with pytest.raises(StictionError, match="200 rows or more"):
-        read(tmp_path / "log.npz")
+    path = put(tmp_path / "log.csv", GOOD)
+    refuses(lambda: read(path), "46 rows or more: expected at most 1000 numbers")
+    np.savez(tmp_path / "log.npz", t=VALUES[:, 0], q=VALUES[:, 1:8], tau=VALUES[:, 15:])
+    refuses(lambda: read(tmp_path / "log.npz"), "200 rows or more")
 
 
 @pytest.mark.parametrize(
@@ -100,42 +98,37 @@ def test_a_torque_limit_that_may_fill_a_gap_warns(tmp_path: Path, torque, origin
     values = good_values()
     values[:, 21] = 190.0 + values[:, 21]
     path = put(tmp_path / "strong.csv", text_of(values))
-    (log,) = read_logs([path], 7, limits=dataclasses.replace(LIMITS, torque=torque))
+    log = torque_log(path, limits=dataclasses.replace(LIMITS, torque=torque))
     (text,) = [w for w in log.warnings if w.startswith("tau7 reaches")]
     assert f"({origin}; a TOML beside it corrects it: [limits.torque])" in text
     known = dataclasses.replace(LIMITS, torque=100.0 + np.arange(7))
-    with pytest.raises(StictionError, match=r"tau7 is .* looks like per cent .*\[limits.torque\]"):
-        read_logs([path], 7, limits=known)
+    says = r"tau7 is .* looks like per cent .*\[limits.torque\]"
+    refuses(lambda: torque_log(path, limits=known), says)
 
 
 def test_a_speed_limit_that_may_fill_a_gap_warns(tmp_path: Path) -> None:
     """No joint moves at 20 rad/s, so these are degrees for every limit."""
     limits = dataclasses.replace(LIMITS, velocity=np.full(7, 0.1))
     values = good_values()
-    (log,) = read_logs([put(tmp_path / "log.csv", text_of(values))], 7, limits=limits)
+    log = torque_log(put(tmp_path / "log.csv", text_of(values)), limits=limits)
     text = next(w for w in log.warnings if w.startswith("q1 moves at"))
     assert "can do 0.1 rad/s (stated by the robot's file; a TOML beside it corrects it" in text
     values[:, 1] += 4.8 * np.sin(6 * values[:, 0])
-    with pytest.raises(StictionError, match="which looks like degrees: expected rad, or units deg"):
-        read_logs([put(tmp_path / "fast.csv", text_of(values))], 7, limits=limits)
+    path = put(tmp_path / "fast.csv", text_of(values))
+    says = "which looks like degrees: expected rad, or units deg"
+    refuses(lambda: torque_log(path, limits=limits), says)
 
 
 def test_units_without_limits(tmp_path: Path) -> None:
     values = good_values()
     values[:, 1:15] *= 180 / np.pi
     path = put(tmp_path / "log.csv", text_of(values))
-    with pytest.raises(StictionError, match="looks like degrees: expected radians"):
-        read_logs([path], 7)
+    refuses(lambda: torque_log(path), "looks like degrees: expected radians")
 
 
 def test_values_arrive_as_they_stand(tmp_path: Path) -> None:
-    values = good_values()
-    log = read(put(tmp_path / "log.csv", text_of(values)))
-    shown = np.loadtxt(tmp_path / "log.csv", delimiter=",", skiprows=1)
-    assert np.array_equal(log.t, shown[:, 0])
-    assert np.array_equal(log.q, shown[:, 1:8])
-    assert np.array_equal(log.dq, shown[:, 8:15])
-    assert np.array_equal(log.tau, shown[:, 15:])
+    log = read(put(tmp_path / "log.csv", GOOD))
+    assert_holds(log, np.loadtxt(tmp_path / "log.csv", delimiter=",", skiprows=1))
     assert (log.breaks, log.corrections, log.warnings, log.extra) == ((), (), (), {})
     assert log.source == str(tmp_path / "log.csv")
     assert log.step == pytest.approx(0.01)
@@ -143,17 +136,9 @@ def test_values_arrive_as_they_stand(tmp_path: Path) -> None:
     assert log.date is None
 
 
-def same(a: JointLog, b: JointLog) -> bool:
-    return all(
-        np.array_equal(x, y)
-        for x, y in ((a.t, b.t), (a.q, b.q), (a.tau, b.tau), (np.array(a.dq), np.array(b.dq)))
-    )
-
-
 def test_the_same_log_in_every_kind_of_file(tmp_path: Path) -> None:
-    text = text_of(good_values())
+    text = GOOD
     v = np.loadtxt(text.splitlines()[1:], delimiter=",")
-    log = read(put(tmp_path / "log.csv", text))
     np.savez(tmp_path / "matrices.npz", t=v[:, 0], q=v[:, 1:8], dq=v[:, 8:15], tau=v[:, 15:])
     named = dict(zip(HEADER.split(","), v.T, strict=True))
     np.savez_compressed(tmp_path / "columns.npz", **named)
@@ -179,28 +164,25 @@ def test_the_same_log_in_every_kind_of_file(tmp_path: Path) -> None:
     files = [put(tmp_path / name, data) for name, data in others.items()]
     files += [tmp_path / name for name in ("matrices.npz", "columns.npz", "log.parquet")]
     for path in files:
-        assert same(read(path), log), path
+        assert_holds(read(path), v)
 
 
 def test_columns_in_any_order_and_others_ignored(tmp_path: Path) -> None:
-    v = good_values()
     order = np.random.default_rng(0).permutation(22)
     names = np.array(HEADER.split(","))
-    log = read(put(tmp_path / "log.csv", text_of(v)))
-    mixed = text_of(v[:, order], ",".join(names[order])).splitlines()
+    mixed = text_of(VALUES[:, order], ",".join(names[order])).splitlines()
     lines = [f"{line},{'note' if i == 0 else 'a b'}," for i, line in enumerate(mixed)]
     other = read(put(tmp_path / "mixed.csv", "\n".join(lines)))
-    assert same(other, log)
+    assert_holds(other, np.loadtxt(GOOD.splitlines()[1:], delimiter=","))
     assert other.warnings == ("columns not used: 'note'",)
 
 
 def test_extra_channels_are_taken_along(tmp_path: Path) -> None:
-    v = good_values()
     warm = np.full((200, 7), np.nan)
     warm[::50] = 30 + np.arange(4)[:, None]
-    names = [f"{c}{j}" for c in ("temperature", "tau_cmd") for j in range(1, 8)]
-    data = np.column_stack([v, warm, v[:, 15:] + 1])
-    text = text_of(data, HEADER + "," + ",".join(names)).replace("nan", "")
+    data = np.column_stack([VALUES, warm, VALUES[:, 15:] + 1])
+    header = header_of("q", "dq", "tau", "temperature", "tau_cmd")
+    text = text_of(data, header).replace("nan", "")
     log = read(put(tmp_path / "log.csv", text))
     assert set(log.extra) == {"temperature", "tau_cmd"}
     assert np.allclose(log.extra["tau_cmd"], log.tau + 1)
@@ -211,25 +193,17 @@ def test_extra_channels_are_taken_along(tmp_path: Path) -> None:
 
 def test_runs_with_a_clock_of_their_own(tmp_path: Path) -> None:
     """Two recordings in one file: time goes on rising, the second begins a segment."""
-    v = good_values()
-    lines = text_of(np.vstack([v, v[:150]])).splitlines()
+    v = np.vstack([VALUES, VALUES[:150]])
     names = ["run", *(["slow"] * 200), *(["fast"] * 150)]
-    path = put(
-        tmp_path / "log.csv", "\n".join(f"{a},{b}" for a, b in zip(names, lines, strict=True))
-    )
-    log = read(path)
+    lines = [f"{a},{b}" for a, b in zip(names, text_of(v).splitlines(), strict=True)]
+    log = read(put(tmp_path / "log.csv", "\n".join(lines)))
     assert log.breaks == (200,)
     assert log.segments == (slice(0, 200), slice(200, 350))
     assert np.all(np.diff(log.t) > 0)
     assert log.t[200] - log.t[199] == pytest.approx(1)
     assert [m.kind for m in log.corrections] == ["run"]
-    np.savez(
-        tmp_path / "log.npz",
-        run=np.array(names[1:]),
-        t=np.r_[v[:, 0], v[:150, 0]],
-        q=np.vstack([v, v[:150]])[:, 1:8],
-        tau=np.vstack([v, v[:150]])[:, 15:],
-    )
+    run = np.array(names[1:])
+    np.savez(tmp_path / "log.npz", run=run, t=v[:, 0], q=v[:, 1:8], tau=v[:, 15:])
     assert read(tmp_path / "log.npz").breaks == (200,)
 
 
@@ -244,15 +218,13 @@ def test_a_robot_at_rest_is_a_log(tmp_path: Path) -> None:
 
 def test_poses_at_rest(tmp_path: Path) -> None:
     v = good_values(20)
-    header = "session," + ",".join(f"{c}{j}" for c in ("q", "tau") for j in range(1, 8))
-    lines = text_of(np.column_stack([v[:, 1:8], v[:, 15:]]), header.removeprefix("session,"))
+    header = header_of("q", "tau").removeprefix("t,")
+    lines = text_of(np.column_stack([v[:, 1:8], v[:, 15:]]), header)
     text = "\n".join(f"{'A' if i else 'session'},{x}" for i, x in enumerate(lines.splitlines()))
     log = read_poses(put(tmp_path / "poses.csv", text), 7, limits=LIMITS)
     assert log.static
-    assert np.allclose(log.q, v[:, 1:8], rtol=1e-8)
-    assert np.allclose(log.tau, v[:, 15:], rtol=1e-8)
+    assert_holds(log, v, "q tau", rtol=1e-8, atol=1e-8)
     assert np.array_equal(log.t, np.arange(20))
-    with pytest.raises(StictionError, match="missing column 't'"):
-        read(tmp_path / "poses.csv")
-    with pytest.raises(StictionError, match="1 pose: expected two"):
-        read_poses(put(tmp_path / "one.csv", "\n".join(text.splitlines()[:2])), 7)
+    refuses(lambda: read(tmp_path / "poses.csv"), "missing column 't'")
+    one = put(tmp_path / "one.csv", "\n".join(text.splitlines()[:2]))
+    refuses(lambda: read_poses(one, 7), "1 pose: expected two")

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
-from stiction_envs.measured.logs.reader import drive_of, read_servo_logs
-from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
+from stiction_envs.measured.logs.reader import drive_of
+from stiction_envs.measured.logs.robot_log import JointLog
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import GOOD, header_of, put, refuses
+from tests.measured.logs.bad_logs import GOOD, header_of, put, refuses, servo_log
 from tests.measured.logs.bad_logs import text_of as csv_text
 from tests.measured.logs.test_robot_logs import real
+from tests.refusal import refusal
 
 N = 7
-LIMITS = load_arm("panda").limits
+read = partial(servo_log, limits=load_arm("panda").limits)
 STEP = 2 * np.pi / 4096
 
 
@@ -40,10 +41,6 @@ def servo_values(rows: int = 250, rate: float = 50.0) -> np.ndarray:
 
 def text_of(values: np.ndarray, header: str = HEADER) -> str:
     return csv_text(values, header)
-
-
-def read(path: Path) -> ServoLog:
-    return read_servo_logs([path], N, limits=LIMITS)[0]
 
 
 def test_steps_of_the_encoder_and_rest_are_kept_to_the_bit(tmp_path: Path) -> None:
@@ -109,14 +106,12 @@ def test_drive(tmp_path: Path) -> None:
     t, q = v[:, 0], v[:, 8:]
     assert drive_of(JointLog(source="x", t=t, q=q, dq=None, tau=q.copy())) == "torque"
     path = put(tmp_path / "neither.csv", neither)
-    with pytest.raises(StictionError, match="neither torques nor commanded positions: expected"):
-        drive_of(path)
+    refuses(lambda: drive_of(path), "neither torques nor commanded positions: expected")
     assert len(check(path).findings) == 1
     (found,) = [x for x in check(tmp_path / "both.csv").findings if x.kind == "remark"]
     assert "columns not used: 'q_cmd1'" in found.message
     assert not check(tmp_path / "both.csv", drive="position").findings
-    with pytest.raises(StictionError, match="drive"):
-        check(tmp_path / "both.csv", drive="hydraulic")
+    refusal(lambda: check(tmp_path / "both.csv", drive="hydraulic"), "drive")
 
 
 def changed(change: Callable[[np.ndarray], object]) -> str:
@@ -158,8 +153,8 @@ def test_units_of_small_motions_show_beside_each_other(tmp_path: Path) -> None:
     v = servo_values()
     v[:, COMMANDS] = DEGREE * 0.05 * np.sin(v[:, :1] + np.arange(N))
     v[:, ANGLES] = v[:, COMMANDS] / DEGREE
-    with pytest.raises(StictionError, match=r"q_cmd moves by 57\.3 times what q does"):
-        read_servo_logs([put(tmp_path / "log.csv", text_of(v))], N)
+    path = put(tmp_path / "log.csv", text_of(v))
+    refuses(lambda: servo_log(path), r"q_cmd moves by 57\.3 times what q does")
 
 
 def test_check_names_defects_and_calls_nothing_else_wrong(tmp_path: Path) -> None:
@@ -185,10 +180,8 @@ def test_check_names_defects_and_calls_nothing_else_wrong(tmp_path: Path) -> Non
 def test_torques_without_sign_are_not_called_saturated(tmp_path: Path) -> None:
     v = servo_values()
     size = np.maximum(np.sin(3 * v[:, :1] + np.arange(N)), 0)
-    path = put(
-        tmp_path / "log.csv",
-        text_of(np.column_stack([v[:, :1], v[:, 8:], size]), header_of("q", "tau")),
-    )
+    values = np.column_stack([v[:, :1], v[:, 8:], size])
+    path = put(tmp_path / "log.csv", text_of(values, header_of("q", "tau")))
     said = [x.message for x in check(path, robot="panda").findings]
     assert any(x.startswith("tau1..tau7 are never negative: sizes without sign") for x in said)
     assert not any("saturated" in x for x in said)
@@ -204,7 +197,7 @@ def test_real_servo_logs_are_read_whole(robot: str, joints: int, count: int, ste
         with gzip.open(path, "rt") as file:
             rows = sum(1 for _ in file) - 1
         assert drive_of(path) == "position"
-        (log,) = read_servo_logs([path], joints)
+        log = servo_log(path, joints)
         assert log.q.shape == log.q_cmd.shape == (rows, joints)
         assert log.step == pytest.approx(step, rel=1e-3)
         assert (log.current is not None) == (robot == "so101")
@@ -218,11 +211,7 @@ def test_commands_after_their_motion_are_found(tmp_path: Path, late: float, warn
     """A command that comes later than what it commands has a wrong time."""
     t = np.arange(1000) / 100
     angle = np.outer(t, [0.7, 1.1]) + np.arange(2)
-    log = {
-        "t": t,
-        "q": 0.5 * np.sin(angle),
-        "q_cmd": 0.5 * np.sin(angle - late * np.array([0.7, 1.1])),
-    }
-    np.savez(tmp_path / "log.npz", **log)
-    (found,) = read_servo_logs([tmp_path / "log.npz"], 2)
-    assert any("q_cmd comes 50 ms after the motion" in x for x in found.warnings) == warned
+    command = 0.5 * np.sin(angle - late * np.array([0.7, 1.1]))
+    np.savez(tmp_path / "log.npz", t=t, q=0.5 * np.sin(angle), q_cmd=command)
+    warnings = servo_log(tmp_path / "log.npz", 2).warnings
+    assert any("q_cmd comes 50 ms after the motion" in x for x in warnings) == warned

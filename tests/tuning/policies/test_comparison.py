@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.measured import read_amplitudes
-from tests.command_line import csv_rows
+from tests.command_line import ROOT, csv_rows
 from tests.tuning.policies.small import SPRINT, made_up
 from tuning.policies.comparison import evaluate_all, read_agent
-
-ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from stiction_envs.control.compensation_files import read_compensation
-from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje
 from tests.command_line import csv_rows
+from tests.refusal import refusal
 from tuning.names import TREATMENTS
 from tuning.search.search import search
 from tuning.search.stages import Options
@@ -18,15 +18,8 @@ QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations"
 @pytest.fixture
 def small(small_arm, fast, tmp_path):
     def run(out, **options):
-        settings = {**QUICK, **options.pop("settings", {})}
-        defaults = {"sampler": "tpe", "evaluations": 6}
-        return search(
-            small_arm,
-            out=tmp_path / out,
-            protocol=fast,
-            settings=settings,
-            **{**defaults, **options},
-        )
+        options = {"sampler": "tpe", "evaluations": 6, "settings": QUICK, **options}
+        return search(small_arm, out=tmp_path / out, protocol=fast, **options)
 
     return run
 
@@ -100,8 +93,7 @@ def test_two_objectives_make_a_front(small, tmp_path):
     ],
 )
 def test_options_that_cannot_be_are_one_clear_line(options, what):
-    with pytest.raises(StictionError, match=what):
-        Options(**options)
+    refusal(lambda: Options(**options), what)
 
 
 @pytest.mark.slow

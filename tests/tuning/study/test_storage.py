@@ -11,7 +11,8 @@ import pytest
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
 
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import ExperimentError
+from tests.refusal import refusal
 from tests.tuning.study.searches import evaluate, search, trials
 from tuning.settings import tuning_settings
 from tuning.study.record import run
@@ -21,10 +22,7 @@ SECRET = "gr4vel"
 
 
 def refused(storage, settings=None):
-    with pytest.raises(StictionError) as caught:
-        open_storage(storage, settings)
-    said = str(caught.value)
-    assert "\n" not in said
+    said = refusal(lambda: open_storage(storage, settings))
     assert SECRET not in said
     return said
 
