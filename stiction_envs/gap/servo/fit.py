@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.gap.judge.bounded_fit import solve
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.servo_parameters import INDEX, PARAMETERS
 
@@ -223,7 +224,9 @@ def fit(motion: JointMotion, noise: Noise, of: Coordinates, starts: Array, itera
         gradient = slopes @ (weights * error) - z
         gained = 0.0
         for _ in range(2):
-            tried = _steps(z, hessian, gradient, damping * DAMPINGS, of)
+            each = (hessian + x * np.diag(np.diag(hessian)) for x in damping * DAMPINGS)
+            ends = of.low - z, of.high - z
+            tried = np.stack([z + solve(a, gradient, *ends) for a in each])
             angles = motion.simulate(of.parameters(tried))
             costs = _costs(motion, noise, angles, tried)
             k = int(np.argmin(costs))
@@ -268,25 +271,3 @@ def _error(motion: JointMotion, angle: Array) -> Array:
 def _costs(motion: JointMotion, noise: Noise, angles: Array, z: Array) -> Array:
     errors = np.stack([_error(motion, angle) for angle in angles])
     return 0.5 * np.square(z).sum(axis=1) - noise.log_likelihood(errors)
-
-
-def _steps(z: Array, hessian: Array, gradient: Array, dampings: Array, of: Coordinates) -> Array:
-    """Return one z per damping; coordinates on a bound that push outward stay."""
-    out = np.repeat(z[None], len(dampings), axis=0)
-    diagonal = np.diag(np.diag(hessian))
-    for row, damping in zip(out, dampings, strict=True):
-        moving = np.ones(len(z), dtype=bool)
-        x = np.zeros(len(z))
-        for _ in range(len(z)):
-            m = np.flatnonzero(moving)
-            x[:] = 0.0
-            if len(m) == 0:
-                break
-            x[m] = np.linalg.solve((hessian + damping * diagonal)[np.ix_(m, m)], gradient[m])
-            new = z + x
-            outward = (new < of.low) & (z <= of.low) | (new > of.high) & (z >= of.high)
-            if not (outward & moving).any():
-                break
-            moving &= ~outward
-        row[:] = np.clip(z + x, of.low, of.high)
-    return out

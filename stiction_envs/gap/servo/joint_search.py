@@ -18,7 +18,6 @@ from stiction_envs.gap.judge.search import NAMED, Search
 from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
 from stiction_envs.gap.servo.fit import LEAST_LAST, TURN, Coordinates, Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.questions import passed_speed
 from stiction_envs.gap.servo.servo_parameters import (
     ALONE,
     FAR,
@@ -120,7 +119,6 @@ class JointProblem:
             "torque_limit": self.own * float(np.percentile(stretched, REACHED)),
             "speed_limit": float(np.percentile(np.abs(np.diff(m.q) / np.diff(m.t)), REACHED)),
         }
-        self.passed = passed_speed(m)
         self.fits: dict[Causes, Fit] = {}
         self._tried = set[tuple[Term, ...]]()
 
@@ -166,7 +164,6 @@ class JointProblem:
             if name == "stiffness":
                 centre[k] = self.own
         low, high = bounds(self.own)
-        low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
         if "armature" not in changed:  # of links that are lighter than in the file
             low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
         return Coordinates(

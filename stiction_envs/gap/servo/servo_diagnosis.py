@@ -36,8 +36,43 @@ from stiction_envs.gap.servo.servo_payload import Tip, proposed
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
+MOST_SECONDS = 240.0
+"""Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
+WORSE = 1.1
+"""Least error of the extended model over the nominal one that is worse [-]; assumed."""
 Progress = Callable[[str, float], None]
 """Called with a stage and its part done."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServoCheck:
+    """Errors of both models on logs that took no part, (n,) [rad]."""
+
+    nominal_rms: Array
+    extended_rms: Array
+    fitted_rms: Array
+    """The held-out error where the model was fitted."""
+
+    @property
+    def worse_joints(self) -> list[int]:
+        """The joints (from 1) on which the model is worse than the simulation."""
+        worse = self.extended_rms > np.maximum(WORSE * self.nominal_rms, self.fitted_rms)
+        return (np.flatnonzero(worse) + 1).tolist()
+
+    @property
+    def verdict(self) -> str:
+        """``holds`` or ``does not hold``."""
+        return "does not hold" if self.worse_joints else "holds"
+
+    def to_json(self) -> dict[str, object]:
+        """Return the entry ``check``."""
+        return {
+            "nominal_rms_rad": self.nominal_rms.tolist(),
+            "extended_rms_rad": self.extended_rms.tolist(),
+            "verdict": self.verdict,
+            "worse_joints": self.worse_joints,
+            "not_transferring": [],
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,7 +101,7 @@ class ServoDiagnosis(Judgement):
     touched: tuple[Bools, ...]
     """Per log, (T,) rows that were left out: the arm touches something."""
     notes: tuple[str, ...]
-    check: whole_arm.ServoCheck | None = None
+    check: ServoCheck | None = None
 
     @property
     def gain_percent(self) -> float:
@@ -126,11 +161,9 @@ class _Joints:
         ]
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
-        self.links = questions.links_off(arm, self.motions)
-        # rows on which each joint's causes are chosen
-        each = zip(self.motions, self.resolution, strict=True)
-        heads = [m.heads(questions.shown(m, r)) for m, r in each]
-        self.chosen, self.shown = [m for m, _ in heads], [some for _, some in heads]
+        heads = [m.heads(MOST_SECONDS) for m in self.motions]
+        self.chosen, self.shown = [m for m, _ in heads], heads[0][1]
+        """Heads of the motions, on which causes are chosen, and the (T,) rows of these."""
         self.notes = questions.notes_of(arm, logs)
         self.lasts: dict[int, float] = {}
         self.free = np.ones(len(self.motions[0].t), dtype=bool)
@@ -169,7 +202,7 @@ class _Joints:
         return Question(
             motion=m,
             nominal=nominal,
-            always=questions.always_fitted(self.servo, m, self.links[j], nominal, scaled),
+            always=questions.always_fitted(self.servo, m, nominal, scaled),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
@@ -182,7 +215,7 @@ class _Joints:
         """Return by joint the (T,) rows in which it seems to touch something."""
 
         def error_of(j: int) -> Array:
-            counts = ~motion.suspected(self.motions[j])[self.shown[j]]
+            counts = ~motion.suspected(self.motions[j])[self.shown]
             rough, _ = JointProblem(self.question(j, counts)).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
@@ -213,7 +246,7 @@ class _Joints:
         """Find the causes of each joint."""
 
         def one(j: int) -> JointFindings:
-            found = judge(self.question(j, self.free[self.shown[j]]))
+            found = judge(self.question(j, self.free[self.shown]))
             self.say("choosing causes", (len(self.found) + 1) / self.n)
             return found
 
@@ -256,7 +289,7 @@ class _Joints:
         if not any(joint.causes for joint in self.found.values()):
             return list(self.found)
         moving = np.array([np.ptp(m.q) for m in self.motions]) >= questions.MOVES * self.resolution
-        worse = moving & (extended > whole_arm.WORSE * nominal)
+        worse = moving & (extended > WORSE * nominal)
         share = extended[moving] / np.maximum(nominal[moving], 1e-12)
         if not moving.any() or share.mean() >= 1.0:
             self.notes.append(
@@ -294,7 +327,7 @@ class _Joints:
         """Return (n,) error [rad] that a payload takes off; ``other`` are joints that carry it."""
         out = np.empty(self.n)
         for j, m in enumerate(self.chosen):
-            fit, counts = other.found[j].fit, self.free[self.shown[j]]
+            fit, counts = other.found[j].fit, self.free[self.shown]
             angle = m.simulate(fit.parameters[None])[0]
             without, with_it = (np.mean(x[counts] ** 2) for x in (m.q - angle, fit.error))
             out[j] = np.sqrt(without) - np.sqrt(with_it)
@@ -395,11 +428,12 @@ def diagnose_servo(
     checked = None
     if check:
         say("check", 0.0)
-        checked = whole_arm.check_model(
-            check,
-            whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load),
-            whole_arm.rows(check, whole_arm.simulate_arm(joints.arm, check, final, joints.load)),
-            extended_rms,
+        model = whole_arm.simulate_arm(joints.arm, check, final, joints.load)
+        plain_too = whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load)
+        checked = ServoCheck(
+            nominal_rms=whole_arm.errors_of(check, plain_too),
+            extended_rms=whole_arm.errors_of(check, whole_arm.rows(check, model)),
+            fitted_rms=extended_rms,
         )
     return ServoDiagnosis(
         robot=arm.name,

@@ -19,6 +19,8 @@ from stiction_envs.arrays import Array
 
 FAR = 1e9
 """Value of a limit that is never reached [SI]."""
+LINKS_OFF, ZERO_OFF = 0.08, 0.02
+"""Usual error of a joint's gravity by small errors of links [-], and as an angle [rad]; assumed."""
 BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
 """A measurement that tells causes apart."""
 ALONE = 3

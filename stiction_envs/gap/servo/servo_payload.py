@@ -23,7 +23,7 @@ from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
-from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.servo_parameters import INDEX, LINKS_OFF, ZERO_OFF
 from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
@@ -32,8 +32,6 @@ ROW_SECONDS, BLOCK = 0.1, 4.0
 """Time between rows of the regression, and of blocks that give the interval [s]; assumed."""
 SLOW = 0.02
 """Speed at which dry friction is nearly its level [rad/s]; assumed."""
-LINKS_OFF, ZERO_OFF = 0.08, 0.02
-"""Usual error of a joint's gravity by small errors of links [-], and of its zero [rad]; assumed."""
 CARRIES = 1 / 3
 """Usual gravity of a body at the flange over the arm's own largest [-]; assumed."""
 LOOKS_LIKE = 0.03
