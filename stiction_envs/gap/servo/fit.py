@@ -218,7 +218,7 @@ def fit(motion: JointMotion, noise: Noise, of: Coordinates, starts: Array, itera
     z, angle, cost, damping = z_all[k], angles[k], float(costs[k]), 1e-2
     slopes = derivatives(motion, of, z, angle)
     for _ in range(iterations if len(z) else 0):
-        error = _error(motion, angle)
+        error = error_of(motion, angle)
         weights = noise.weights(error)
         hessian = (slopes * weights) @ slopes.T + np.eye(len(z))
         gradient = slopes @ (weights * error) - z
@@ -241,7 +241,7 @@ def fit(motion: JointMotion, noise: Noise, of: Coordinates, starts: Array, itera
         slopes = derivatives(motion, of, z, angle)
         if gained < LEAST_GAIN:
             break
-    error = _error(motion, angle)
+    error = error_of(motion, angle)
     return Fit(
         coordinates=of,
         z=z,
@@ -263,11 +263,10 @@ def derivatives(motion: JointMotion, of: Coordinates, z: Array, angle: Array) ->
     return np.asarray(change * (sign / DIFFERENCE)[:, None])
 
 
-def _error(motion: JointMotion, angle: Array) -> Array:
-    """Return measured less simulated angle; a joint that diverged is a turn off [rad]."""
+def error_of(motion: JointMotion, angle: Array) -> Array:
+    """Return (..., T) measured less simulated angle; a joint that diverged is a turn off [rad]."""
     return np.asarray(np.clip(np.nan_to_num(motion.q - angle, nan=TURN), -TURN, TURN))
 
 
 def _costs(motion: JointMotion, noise: Noise, angles: Array, z: Array) -> Array:
-    errors = np.stack([_error(motion, angle) for angle in angles])
-    return 0.5 * np.square(z).sum(axis=1) - noise.log_likelihood(errors)
+    return 0.5 * np.square(z).sum(axis=1) - noise.log_likelihood(error_of(motion, angles))

@@ -27,7 +27,6 @@ from stiction_envs.gap.servo.joint_search import (
     PERFECT,
     JointFindings,
     JointProblem,
-    Question,
     judge,
 )
 from stiction_envs.gap.servo.questions import Servo
@@ -187,7 +186,7 @@ class _Joints:
         """Return the joints (from 0) on which a cause was found."""
         return [j for j, joint in self.found.items() if cause in joint.causes]
 
-    def question(self, j: int, counts: Bools) -> Question:
+    def question(self, j: int, counts: Bools) -> JointProblem:
         """Return the question about a joint; ``counts`` are rows of those shown."""
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
@@ -199,7 +198,7 @@ class _Joints:
             questions.possible_causes(self.servo, *x)
             for x in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
-        return Question(
+        return JointProblem(
             motion=m,
             nominal=nominal,
             always=questions.always_fitted(self.servo, m, nominal, scaled),
@@ -216,7 +215,7 @@ class _Joints:
 
         def error_of(j: int) -> Array:
             counts = ~motion.suspected(self.motions[j])[self.shown]
-            rough, _ = JointProblem(self.question(j, counts)).rough()
+            rough, _ = self.question(j, counts).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}

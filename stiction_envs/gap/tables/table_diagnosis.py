@@ -22,11 +22,10 @@ from stiction_envs.gap.judge.judgement import (
     Estimate,
     Judgement,
     NamedCause,
-    NotShown,
     percent_gained,
     percent_lost,
 )
-from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
+from stiction_envs.gap.predictors.named import ALIKE, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
 from stiction_envs.gap.tables.data import Effect, TableData, WholeArm
 from stiction_envs.gap.tables.table_search import Judge, TableFit, WeighedEffect
@@ -132,7 +131,6 @@ def diagnose_tables(
         verdict=verdict,
         causes=tuple(found),
         shares_percent=shares if found else {},
-        not_shown=_not_shown(judge, best),
         joints=data.joints,
         nominal=before,
         extended=after,
@@ -201,25 +199,6 @@ def _evidence(judge: Judge, fit: TableFit, without: TableFit, some: Sequence[Eff
         f"{data.place(i)}, {read:.4f} N·m is read, and simulated {simulated:.4f} N·m without it, "
         f"{better:.4f} N·m with it"
     )
-
-
-def _not_shown(judge: Judge, fit: TableFit) -> tuple[NotShown, ...]:
-    """Return the causes of whole joints whose posterior is about as wide as their prior."""
-    lines = judge.problem(fit.states, fit.values, tangents=False, sizes=fit.sizes)
-    out: dict[tuple[str, int], NotShown] = {}
-    for term, e in judge.effects.items():
-        whole = len(e.joints) == 1 and len(e.rows) == len(judge.data.of_joint[e.joints[0]])
-        if not whole or e in fit.values or (e.cause, term.joint) in out:
-            continue
-        model = lines.model([*fit.terms, term])
-        sd = float(np.sqrt(lines.covariance(model)[-1, -1]))
-        if sd >= HIDDEN:
-            low, high, x = *judge.bounds[e], float(lines.fit(model)[-1])
-            ends = [np.clip(e.size * (x + w * sd), low, high) for w in (-WIDTH, WIDTH)]
-            (key, a), (_, b) = (next(iter(e.values(float(v)).items())) for v in ends)
-            where = e.cause, term.joint
-            out[where] = NotShown(name=e.cause, joints=e.joints, parameters={key: (a, b)})
-    return tuple(sorted(out.values(), key=lambda x: x.joints))
 
 
 def _verdict(judge: Judge, fit: TableFit) -> tuple[str, str]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,7 +114,6 @@ class Judge:
                     self.effects[term] = e
                     self.term.setdefault(e, term)
         self._last: dict[tuple[int, bool], tuple[object, Cells]] = {}
-        self._refused: set[frozenset[Effect]] = set()
 
     # ---- columns ---------------------------------------------------------------------------------
 
@@ -240,10 +239,24 @@ class Judge:
             out.append(WeighedEffect(effects=some, without=without, rivals=rivals))
         return out
 
+    def _searched(
+        self,
+        fit: TableFit,
+        refresh: Callable[[TableProblem, Sequence[Term]], float],
+        refused: Collection[frozenset[Effect]] = (),
+    ) -> Search[TableProblem]:
+        """Return a search on the straight lines that all effects have near a fit."""
+        lines = self.problem(fit.states, fit.values, tangents=False)
+
+        def possible(_: TableProblem, terms: Sequence[Term], __: Term) -> bool:
+            return frozenset(self.effects[t] for t in terms) not in refused
+
+        return Search(lines, list(self.effects), lambda _: (), refresh, possible)
+
     def _climb(self, start: TableFit, say: Callable[[str], None]) -> TableFit:
         """Return the best model that steps from a model reach, each verified by a fit."""
         best = now = start
-        self._refused.clear()
+        refused = set[frozenset[Effect]]()
 
         def refresh(problem: TableProblem, terms: Sequence[Term]) -> float:
             nonlocal best, now
@@ -256,19 +269,12 @@ class Judge:
                 if new.worth > best.worth:
                     best = new
                 elif len(new.values) >= len(now.values):
-                    self._refused.add(frozenset(effects))
+                    refused.add(frozenset(effects))
                 now = new
             problem.take(self._channels(now.states, now.values, tangents=False))
             return now.score
 
-        search = Search(
-            self.problem(start.states, start.values, tangents=False),
-            list(self.effects),
-            lambda _: (),
-            refresh,
-            lambda _, terms, __: frozenset(self.effects[t] for t in terms) not in self._refused,
-        )
-        search.climb(start.terms)
+        self._searched(start, refresh, refused).climb(start.terms)
         return best
 
     def _rivals(
@@ -278,26 +284,14 @@ class Judge:
 
         ``fit`` is the model with the effects, ``without`` the model without them.
         """
-        lines = self.problem(without.states, without.values, tangents=False)
-        rest, joints = without.terms, {self.term[e].joint for e in instead}
-        joints |= set(range(len(self.data.joints))) if ARM in joints else {ARM}
-        terms = [
-            t
-            for t, e in self.effects.items()
-            if t.joint in joints and e.cause != instead[0].cause and e not in without.values
-        ]
-        best: dict[tuple[str, int], tuple[float, Term]] = {}
-        for term, gain in zip(terms, lines.gains(rest, [[t] for t in terms]).tolist(), strict=True):
-            key = self.effects[term].cause, term.joint
-            best[key] = max(best.get(key, (gain, term)), (gain, term), key=lambda x: x[0])
-        offers: dict[str, tuple[float, list[Term]]] = {}
-        for (name, _), (gain, term) in best.items():
-            total, some = offers.get(name, (0.0, []))
-            if len(instead[0].joints) == 1 or gain > 0:
-                offers[name] = total + gain, [*some, term]
-        out = {}
-        for name in sorted(offers, key=lambda n: -offers[n][0])[:RIVALS]:
-            values = self.found(lines, [*rest, *offers[name][1]])
+        search = self._searched(without, lambda problem, terms: problem.score(terms))
+        mine = [self.term[e] for e in instead]
+        out: dict[str, TableFit] = {}
+        for _, terms in sorted(search.rivals(fit.terms, mine), key=lambda x: -x[0]):
+            name = self.effects[terms[-1]].cause
+            if name == instead[0].cause or name in out or len(out) == RIVALS:
+                continue
+            values = self.found(search.problem, terms)
             new = self.fit(values, without.states, simulate=False)
             close = new.score > fit.score - CLOSE
             out[name] = self.fit(new.values, new.states) if close else new
