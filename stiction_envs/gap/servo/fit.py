@@ -18,7 +18,6 @@ from functools import cached_property
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.gap.judge.bounded_fit import solve
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.servo_parameters import INDEX, PARAMETERS
 
@@ -226,7 +225,7 @@ def fit(motion: JointMotion, noise: Noise, of: Coordinates, starts: Array, itera
         for _ in range(2):
             each = (hessian + x * np.diag(np.diag(hessian)) for x in damping * DAMPINGS)
             ends = of.low - z, of.high - z
-            tried = np.stack([z + solve(a, gradient, *ends) for a in each])
+            tried = np.stack([z + _step(a, gradient, *ends) for a in each])
             angles = motion.simulate(of.parameters(tried))
             costs = _costs(motion, noise, angles, tried)
             k = int(np.argmin(costs))
@@ -270,3 +269,16 @@ def error_of(motion: JointMotion, angle: Array) -> Array:
 
 def _costs(motion: JointMotion, noise: Noise, angles: Array, z: Array) -> Array:
     return 0.5 * np.square(z).sum(axis=1) - noise.log_likelihood(error_of(motion, angles))
+
+
+def _step(a: Array, gradient: Array, low: Array, high: Array) -> Array:
+    """Return the step x within bounds with a x = gradient; what pushes out of its bound stays."""
+    x, moving = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
+    while moving.any():
+        x[:] = 0.0
+        x[moving] = np.linalg.solve(a[np.ix_(moving, moving)], gradient[moving])
+        outward = moving & ((x < low) & (low >= 0.0) | (x > high) & (high <= 0.0))
+        if not outward.any():
+            return np.clip(x, low, high)
+        moving &= ~outward
+    return np.zeros(len(gradient))

@@ -19,8 +19,10 @@ from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
 from stiction_envs.gap.servo.fit import LEAST_LAST, Coordinates, Fit, Noise, error_of, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.servo_parameters import (
+    ALONE,
     FAR,
     INDEX,
+    LIMITS,
     NAMES,
     PARAMETERS,
     InServo,
@@ -185,34 +187,45 @@ class JointProblem:
             others = [k for k in self.fits if k != key]
             if others:
                 near = min(others, key=lambda k: (len(k ^ key), -self.fits[k].evidence, sorted(k)))
-                self.fit(key, [self._start(near, terms)])
+                self.fit(key, self._starts(near, terms))
         return self.fits[key]
 
     def score(self, terms: Sequence[Term]) -> float:
         """Return log evidence and log prior odds of some causes [nats]."""
         return self.best(terms).evidence - self.odds(t.cause for t in terms)
 
-    def _start(self, near: Causes, terms: Sequence[Term]) -> Array:
-        """Return a start (P,) of some terms from the fit of another choice of causes."""
-        start = self.without(near, near - {t.cause for t in terms})
-        for t in terms:
-            if t.cause not in near:
-                start = self.trials(t.cause, start)[int(t.shape[0])]
-        return start
+    def _starts(self, near: Causes, terms: Sequence[Term]) -> list[Array]:
+        """Return starts (P,) of some terms from the fit of another choice of causes."""
+        starts = self.without(near, near - {t.cause for t in terms})
+        for t in (t for t in terms if t.cause not in near):
+            starts = [self.trials(t.cause, start)[int(t.shape[0])] for start in starts]
+        return starts
 
-    def without(self, near: Causes, causes: Causes) -> Array:
-        """Return parameters (P,) of a fit less some causes.
+    def without(self, near: Causes, causes: Causes) -> list[Array]:
+        """Return parameters of a fit less some causes: as they are else, and adjusted for that.
 
         A perfect servo is so stiff that gravity hardly sags it: its other torques grow with it.
         """
-        out = self.fits[near].parameters.copy()
+        old = self.fits[near]
+        plain, c = old.parameters.copy(), old.coordinates
         gone = self.changed(near).keys() - self.changed(near - causes).keys() - self.always.keys()
         if "stiffness" in gone and self.perfect:
-            some = [INDEX[n] for n in TORQUES if out[INDEX[n]] < FAR]
-            out[some] *= self.stiffness / out[INDEX["stiffness"]]
+            some = [INDEX[n] for n in TORQUES if plain[INDEX[n]] < FAR]
+            plain[some] *= self.stiffness / plain[INDEX["stiffness"]]
         at = [INDEX[name] for name in gone]
-        out[at] = self.nominal[at]
-        return out
+        plain[at] = self.nominal[at]
+        lost = np.isin(c.at, [INDEX[n] for n in gone - LIMITS])
+        if not lost.any() or lost.all():
+            return [plain]
+        # the likeliest values of the others given these, were the angle linear
+        kept, a = ~lost, old.precision
+        change = a[np.ix_(kept, lost)] @ (c.z(plain) - old.z)[lost]
+        z = old.z.copy()
+        z[kept] -= np.linalg.solve(a[np.ix_(kept, kept)], change)
+        moved = c.parameters(np.clip(z, c.low, c.high)[None])[0]
+        adjusted = plain.copy()
+        adjusted[c.at[kept]] = moved[c.at[kept]]
+        return [plain, adjusted]
 
     def lost(self, causes: Iterable[str], rest: Fit, found: Fit) -> float:
         """Return by how much the error grows without some causes [rad].
@@ -232,17 +245,24 @@ class JointProblem:
     # ---- what the search asks --------------------------------------------------------------------
 
     def gains(self, terms: Sequence[Term], offers: Sequence[Sequence[Term]]) -> Array:
-        """Return (K,) by how much each of K sets of terms raises the likelihood at trial values.
+        """Return (K,) by how much each of K sets of terms promises to raise the score [nats].
 
-        The odds against them are taken off [nats].
+        The angle is taken to be linear between the fit and their trial values, or these to be
+        right: far from the likeliest values blocks weigh too little.
         """
         old, near = self.best(terms), frozenset(t.cause for t in terms)
-        angles = self.motion.simulate(
-            np.stack([self._start(near, [*terms, *some]) for some in offers])
-        )
-        likelihood = self.noise.log_likelihood(error_of(self.motion, angles))
+        trials = np.stack([self._starts(near, [*terms, *some])[0] for some in offers])
+        errors = error_of(self.motion, self.motion.simulate(trials))
+        columns, weighted = old.error - errors, old.slopes * old.weights
+        cross, force = columns @ weighted.T, weighted @ old.error - old.z
+        inverse = np.linalg.inv(old.precision)
+        along = columns @ (old.weights * old.error) - cross @ inverse @ force
+        width = (columns * old.weights * columns).sum(axis=1)
+        width -= ((cross @ inverse) * cross).sum(axis=1)
+        x = np.clip(along / np.maximum(width, 1e-9), 0.0, 2.0)
+        there = self.noise.log_likelihood(errors) - old.log_likelihood
         odds = np.array([self.odds(t.cause for t in some) for some in offers])
-        return likelihood - old.log_likelihood - odds
+        return np.maximum(x * along - 0.5 * x**2 * width, there) - odds
 
     def losses(self, terms: Sequence[Term]) -> Array:
         """Return (K,) by how much the removal of each of K terms lowers the score [nats].
@@ -253,7 +273,7 @@ class JointProblem:
         rests = [near - {t.cause, *(x for x in near if t.cause in self.needs(x))} for t in terms]
         promised = []
         for rest in rests:
-            start = self.without(near, near - rest)[None]
+            start = np.stack(self.without(near, near - rest))
             less = self.fits.get(rest) or fit(
                 self.motion, self.noise, self.coordinates(rest), start, 0
             )
@@ -277,20 +297,27 @@ class JointProblem:
             best = self.fit(some, [start], ROUGH)
         return best, some
 
-    def first(self) -> tuple[Fit, list[str]]:
-        """Return a fit from which to search, and its causes.
+    def everything(self) -> Fit:
+        """Return the fit of all candidates, a few more at a time, each from several starts.
 
-        To lag and dry friction others are added one by one, each from its trial values, where the
-        evidence rises. From none the search finds nothing where two causes help together only (a
-        softer servo and a torque limit).
+        One at a time the search finds nothing where two causes help together only (a softer servo
+        and a torque limit).
         """
         best, chosen = self.rough()
-        for cause in sorted(self.candidates, key=lambda c: self.candidates[c].stage):
-            if cause not in chosen:
-                more = self.fit([*chosen, cause], self.trials(cause, best.parameters))
-                if more.evidence > best.evidence:
-                    best, chosen = more, [*chosen, cause]
-        return best, chosen
+        for stage in sorted({part.stage for part in self.candidates.values()} - {0}):
+            more = [name for name, part in self.candidates.items() if part.stage == stage]
+            limits = {n: 1.5 * self.reached[n] for n in self.changed(more).keys() & LIMITS}
+            before, chosen = _with(best.parameters, limits), [*chosen, *more]
+            for group in [[c] for c in more] if stage == ALONE else [more]:
+                starts = []
+                for k in range(len(self.trials(group[0], before))):
+                    start = before
+                    for cause in group:
+                        trials = self.trials(cause, start)
+                        start = trials[min(k, len(trials) - 1)]
+                    starts.append(start)
+                best = self.fit(chosen, starts)
+        return best
 
 
 def _with(parameters: Array, values: Mapping[str, float]) -> Array:
@@ -303,12 +330,11 @@ def _with(parameters: Array, values: Mapping[str, float]) -> Array:
 
 def judge(problem: JointProblem) -> JointFindings:
     """Return the causes with the most evidence on one joint, and how sure each of them is."""
-    full, causes = problem.first()
+    full = problem.everything()
     last = problem.noise.lasts(full.error) if problem.last is None else problem.last
     problem = replace(problem, last=last)
-    problem.fit(causes, [full.parameters])
-    problem.fit(problem.candidates, [full.parameters])
-    problem.fit((), [problem.nominal])
+    full = problem.fit(problem.candidates, [full.parameters])
+    none = problem.fit((), [problem.nominal])
     terms = [
         Term(cause, 0, (float(k),))
         for cause in problem.candidates
@@ -317,8 +343,10 @@ def judge(problem: JointProblem) -> JointFindings:
     search = Search(
         problem, terms, problem.needs, lambda _, some: problem.score(some), lambda *_: True
     )
-    every = [t for t in terms if t.shape[0] == 0]
-    starts = [[t for t in every if t.cause in causes], every]
+    # no model gains more than all causes together take off
+    least = none.log_likelihood - 0.5 * float(none.z @ none.z)
+    start = [t for t in terms if t.shape[0] == 0]
+    starts = [start, []] if full.log_likelihood - least > NAMED else [[]]
     best = max(map(search.climb, starts), key=lambda m: m.worth)
     while True:
         rests = {t.cause: search.without(best.terms, t) for t in best.terms}

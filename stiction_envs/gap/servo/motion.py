@@ -131,24 +131,10 @@ def in_contact(motion: JointMotion, error: Array, resolution: float) -> Bools:
 
 def stretches(t: Array, rows: Bools) -> list[list[float]]:
     """Return first and last time of each run of rows [s]."""
-    return [[float(t[a]), float(t[b - 1])] for a, b in _runs(rows)]
+    return [[float(t[a]), float(t[b - 1])] for a, b in runs(rows)]
 
 
-def _runs(rows: Bools) -> list[tuple[int, int]]:
+def runs(rows: Bools) -> list[tuple[int, int]]:
     """Return first row of each run of rows, and the row after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int))).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
-
-
-def pushing(current: Array, rows: Bools) -> Bools:
-    """Return which rows (T,) in contact the motor pushes in: its current is the witness.
-
-    ``current`` (T,) is the size of the motor's current [any unit]; NaN where it was not logged.
-    """
-    if np.isnan(current).all() or not rows.any() or rows.all():
-        return rows
-    usual = float(np.nanmedian(current[~rows]))
-    out = np.zeros_like(rows)
-    for a, b in _runs(rows):
-        out[a:b] = not np.nanmedian(current[a:b]) <= usual
-    return out

@@ -13,9 +13,7 @@ from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.servo_parameters import (
     INDEX,
-    LINKS_OFF,
     LOW,
-    ZERO_OFF,
     InServo,
     absent,
 )
@@ -27,8 +25,8 @@ GRAVITY_SEEN = 3.0
 """Least sag by gravity over the angle's resolution that scales a servo's stiffness [-]; assumed."""
 LEAST_GRAVITY = 0.02
 """Largest gravity of a joint that counts as one without, over the arm's largest [-]; assumed."""
-LINK_INERTIAS = 0.1
-"""Usual error of a joint's inertia by small errors of links [-]; assumed."""
+LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
+"""Usual error of the links' masses [-], centres [m], and of a joint's inertia [-]; assumed."""
 STAMPS = 3e-3
 """Usual error of a log's stamps [s]; assumed."""
 SERVO_OFF = 0.05
@@ -127,18 +125,19 @@ def unknown_damping(servo: Servo) -> bool:
 
 
 def always_fitted(
-    servo: Servo, motion: JointMotion, nominal: Array, scaled: bool
+    servo: Servo, motion: JointMotion, links: float, nominal: Array, scaled: bool
 ) -> dict[str, float]:
     """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
-    These are small errors of stamps, links, bristles and stated gains, and
+    These are small errors of stamps, links [rad], bristles and stated gains, and
     unknown damping. ``nominal`` are the joint's (P,) parameters; ``scaled`` says whether gravity
     scales the servo's torque.
     """
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
     if scaled and not servo.perfect:
-        out |= {"compensation": LINKS_OFF, "offset": ZERO_OFF, "stiffness": SERVO_OFF}
+        out |= {"compensation": float(np.hypot(LINK_MASSES, links)), "offset": links}
+        out["stiffness"] = SERVO_OFF
     if unknown_damping(servo):
         stiffness = float(nominal[INDEX["stiffness"]])
         out["damping"] = servo_cause("damping").servo.sizes["damping"] * stiffness
@@ -202,6 +201,14 @@ def unmodelled(motion: JointMotion, counts: Bools) -> float:
     weight = np.stack([motion.gravity, motion.slope], axis=1)
     stretched = stretched - weight @ np.linalg.lstsq(weight, stretched, rcond=None)[0]
     return LEFT * float(np.sqrt(np.mean(stretched[counts] ** 2)))
+
+
+def links_off(arm: Arm, motions: Sequence[JointMotion]) -> Array:
+    """Return (n,) usual angle by which gravity is off because the links' centres are [rad]."""
+    model = arm.model()
+    weight = np.linalg.norm(model.opt.gravity) * model.body_subtreemass[model.jnt_bodyid]
+    amplitude = np.array([np.sqrt(np.mean(m.gravity**2 + m.slope**2)) for m in motions])
+    return np.asarray(LINK_CENTRES * weight / np.maximum(amplitude, 1e-9))
 
 
 def resolution_of(q: Array) -> float:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.gap.judge.judgement import Judgement
+from stiction_envs.gap.judge.judgement import Judgement, percent_gained
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
@@ -37,41 +37,8 @@ from stiction_envs.robots import Arm
 
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
-WORSE = 1.1
-"""Least error of the extended model over the nominal one that is worse [-]; assumed."""
 Progress = Callable[[str, float], None]
 """Called with a stage and its part done."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ServoCheck:
-    """Errors of both models on logs that took no part, (n,) [rad]."""
-
-    nominal_rms: Array
-    extended_rms: Array
-    fitted_rms: Array
-    """The held-out error where the model was fitted."""
-
-    @property
-    def worse_joints(self) -> list[int]:
-        """The joints (from 1) on which the model is worse than the simulation."""
-        worse = self.extended_rms > np.maximum(WORSE * self.nominal_rms, self.fitted_rms)
-        return (np.flatnonzero(worse) + 1).tolist()
-
-    @property
-    def verdict(self) -> str:
-        """``holds`` or ``does not hold``."""
-        return "does not hold" if self.worse_joints else "holds"
-
-    def to_json(self) -> dict[str, object]:
-        """Return the entry ``check``."""
-        return {
-            "nominal_rms_rad": self.nominal_rms.tolist(),
-            "extended_rms_rad": self.extended_rms.tolist(),
-            "verdict": self.verdict,
-            "worse_joints": self.worse_joints,
-            "not_transferring": [],
-        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +67,7 @@ class ServoDiagnosis(Judgement):
     touched: tuple[Bools, ...]
     """Per log, (T,) rows that were left out: the arm touches something."""
     notes: tuple[str, ...]
-    check: ServoCheck | None = None
+    check: whole_arm.ServoCheck | None = None
 
     @property
     def gain_percent(self) -> float:
@@ -109,8 +76,7 @@ class ServoDiagnosis(Judgement):
         off = self.nominal_rms > self.noise
         if not self.causes or not off.any():
             return 0.0
-        share = self.extended_rms[off] / self.nominal_rms[off]
-        return float(100.0 * (1.0 - share.mean()))
+        return percent_gained(self.nominal_rms[off], self.extended_rms[off])
 
     def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``."""
@@ -160,6 +126,7 @@ class _Joints:
         ]
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
+        self.links = questions.links_off(arm, self.motions)
         heads = [m.heads(MOST_SECONDS) for m in self.motions]
         self.chosen, self.shown = [m for m, _ in heads], heads[0][1]
         """Heads of the motions, on which causes are chosen, and the (T,) rows of these."""
@@ -201,7 +168,7 @@ class _Joints:
         return JointProblem(
             motion=m,
             nominal=nominal,
-            always=questions.always_fitted(self.servo, m, nominal, scaled),
+            always=questions.always_fitted(self.servo, m, self.links[j], nominal, scaled),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
@@ -227,19 +194,24 @@ class _Joints:
         return {} if many else out
 
     def pushed(self, contacts: dict[int, Bools]) -> dict[int, Bools]:
-        """Return the contacts in which the motor pushes; of others the notes say that it rests."""
+        """Return the contacts in which the motor pushes; of others the notes say that it rests.
+
+        A motor that draws no more current than elsewhere rests.
+        """
         none = [np.full_like(x.q, np.nan) for x in self.logs]
         each = [y if x.current is None else x.current for x, y in zip(self.logs, none, strict=True)]
-        currents, out = whole_arm.rows(self.logs, each), {}
+        currents, t = whole_arm.rows(self.logs, each), self.motions[0].t
         for j, touches in contacts.items():
-            out[j] = motion.pushing(currents[:, j], touches)
-            for begin, end in motion.stretches(self.motions[j].t, touches & ~out[j]):
-                self.notes.append(
-                    f"joint {j + 1} stands far from its command from {begin:.4g} to {end:.4g} s "
-                    "while its motor draws no more current than elsewhere: its servo rests; left "
-                    "out"
-                )
-        return {j: touches for j, touches in out.items() if touches.any()}
+            usual = np.median(currents[~touches, j])
+            for a, b in motion.runs(touches):
+                if np.median(currents[a:b, j]) <= usual:
+                    touches[a:b] = False
+                    self.notes.append(
+                        f"joint {j + 1} stands far from its command from {t[a]:.4g} to "
+                        f"{t[b - 1]:.4g} s while its motor draws no more current than elsewhere: "
+                        "its servo rests; left out"
+                    )
+        return {j: touches for j, touches in contacts.items() if touches.any()}
 
     def choose(self) -> None:
         """Find the causes of each joint."""
@@ -261,23 +233,16 @@ class _Joints:
 
         It is that of the other joints where all servos are the same.
         """
-        same = self.servo.same and bool(stiffnesses)
-        for j in light if same else []:
-            m, stiffness = self.motions[j], float(np.median(stiffnesses))
-            self.nominal[j, INDEX["stiffness"]] = stiffness
-            # with the others' stiffness it may sag enough after all
-            seen = np.abs(m.gravity).max() > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
-            self.scaled[j] = bool(seen and self.heavy[j])
-        without = [j for j in light if not self.scaled[j]]
-        if without:
-            said = "taken from the other joints" if same else "unknown"
-            values = self.nominal[without, INDEX["stiffness"]]
-            self.notes.append(
-                f"joints {', '.join(str(j + 1) for j in without)}: no gravity sets the scale of "
-                f"their torques; servo stiffness {said}, set to "
-                f"{' '.join(f'{x:.3g}' for x in dict.fromkeys(values))} N·m/rad, and "
-                "friction, damping and limits scale with it"
-            )
+        said = "unknown"
+        if self.servo.same and stiffnesses:
+            said = "taken from the other joints"
+            self.nominal[light, INDEX["stiffness"]] = np.median(stiffnesses)
+        values = dict.fromkeys(self.nominal[light, INDEX["stiffness"]])
+        self.notes.append(
+            f"joints {', '.join(str(j + 1) for j in light)}: no gravity sets the scale of their "
+            f"torques; servo stiffness {said}, set to {' '.join(f'{x:.3g}' for x in values)} "
+            "N·m/rad, and friction, damping and limits scale with it"
+        )
 
     def helped(self, nominal: Array, extended: Array) -> list[int]:
         """Return the joints whose causes may be named: none, where the model is worse in all.
@@ -288,7 +253,7 @@ class _Joints:
         if not any(joint.causes for joint in self.found.values()):
             return list(self.found)
         moving = np.array([np.ptp(m.q) for m in self.motions]) >= questions.MOVES * self.resolution
-        worse = moving & (extended > WORSE * nominal)
+        worse = moving & (extended > whole_arm.WORSE * nominal)
         share = extended[moving] / np.maximum(nominal[moving], 1e-12)
         if not moving.any() or share.mean() >= 1.0:
             self.notes.append(
@@ -429,7 +394,7 @@ def diagnose_servo(
         say("check", 0.0)
         model = whole_arm.simulate_arm(joints.arm, check, final, joints.load)
         plain_too = whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load)
-        checked = ServoCheck(
+        checked = whole_arm.ServoCheck(
             nominal_rms=whole_arm.errors_of(check, plain_too),
             extended_rms=whole_arm.errors_of(check, whole_arm.rows(check, model)),
             fitted_rms=extended_rms,

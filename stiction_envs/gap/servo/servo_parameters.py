@@ -19,8 +19,8 @@ from stiction_envs.arrays import Array
 
 FAR = 1e9
 """Value of a limit that is never reached [SI]."""
-LINKS_OFF, ZERO_OFF = 0.08, 0.02
-"""Usual error of a joint's gravity by small errors of links [-], and as an angle [rad]; assumed."""
+ALONE = 3
+"""Number of a stage."""
 BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
 """A measurement that tells causes apart."""
 
@@ -90,6 +90,10 @@ HIGH = np.where(OF_TORQUE, np.inf, _HIGH)
 """(P,) bounds of an arm of any size."""
 
 
+LIMITS = {name for name, p in PARAMETERS.items() if p.absent == FAR}
+"""Parameters that a joint shows where it reaches them."""
+
+
 def bounds(stiffness: float) -> tuple[Array, Array]:
     """Return (P,) lowest and highest parameters of a joint whose servo is about so stiff [N·m/rad].
 
@@ -121,9 +125,9 @@ class InServo:
     others are those of `sizes`, in their order."""
     odds: float | None = None
     """Log odds against it; None for those of one among all hypotheses [nats]."""
-    stage: int = 3
-    """When it is added to the first model, from which the search starts: those of stage 0 are all
-    in it, the others are tried one by one, the lowest first."""
+    stage: int = ALONE
+    """Causes of one stage, from 0, are added together to the model of everything; of stage `ALONE`
+    one by one."""
     of_every_joint: bool = False
     """Whether every joint has it, named or not: what moves the joint is fitted with it."""
     of_gravity: bool = False

@@ -23,7 +23,7 @@ from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
-from stiction_envs.gap.servo.servo_parameters import INDEX, LINKS_OFF, ZERO_OFF
+from stiction_envs.gap.servo.servo_parameters import INDEX
 from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
@@ -38,6 +38,8 @@ LOOKS_LIKE = 0.03
 """Gravity of the body that small errors of links look like, over the same [-]; assumed."""
 REACH = 0.1
 """Usual distance of its centre from the flange [m]; assumed."""
+LINKS_OFF, ZERO_OFF = 0.08, 0.02
+"""Usual error of a joint's gravity by small errors of links [-], and of its zero [rad]; assumed."""
 ROUNDS = 4
 """Rounds of weighing the joints by their error; assumed."""
 FREE = 10.0

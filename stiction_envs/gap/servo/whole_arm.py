@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,39 @@ BLOCK = 2000
 """Control steps simulated at once [-]; bounds the memory."""
 FOLD_SECONDS = 10.0
 """Length of the blocks of time that are held out in turn [s]; assumed."""
+WORSE = 1.1
+"""Least error of the extended model over the nominal one that is worse [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServoCheck:
+    """Errors of both models on logs that took no part, (n,) [rad]."""
+
+    nominal_rms: Array
+    extended_rms: Array
+    fitted_rms: Array
+    """The held-out error where the model was fitted."""
+
+    @property
+    def worse_joints(self) -> list[int]:
+        """The joints (from 1) on which the model is worse than the simulation."""
+        worse = self.extended_rms > np.maximum(WORSE * self.nominal_rms, self.fitted_rms)
+        return (np.flatnonzero(worse) + 1).tolist()
+
+    @property
+    def verdict(self) -> str:
+        """``holds`` or ``does not hold``."""
+        return "does not hold" if self.worse_joints else "holds"
+
+    def to_json(self) -> dict[str, object]:
+        """Return the entry ``check``."""
+        return {
+            "nominal_rms_rad": self.nominal_rms.tolist(),
+            "extended_rms_rad": self.extended_rms.tolist(),
+            "verdict": self.verdict,
+            "worse_joints": self.worse_joints,
+            "not_transferring": [],
+        }
 
 
 def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:

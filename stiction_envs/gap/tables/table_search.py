@@ -13,13 +13,14 @@ import math
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.judge.search import NAMED, Search
-from stiction_envs.gap.tables.data import Effect, TableData
+from stiction_envs.gap.tables.data import Effect, State, TableData
 from stiction_envs.gap.tables.predictor import Predictor, States, Values
 from stiction_envs.gap.tables.table_problem import SCATTER, SIZES, Cells, TableProblem
 
@@ -113,7 +114,7 @@ class Judge:
                     self._all.add(term, {}, np.ones(1), ends, odds)
                     self.effects[term] = e
                     self.term.setdefault(e, term)
-        self._last: dict[tuple[int, bool], tuple[object, Cells]] = {}
+        self._cells = lru_cache(maxsize=8 * len(data.joints))(self._made)
 
     # ---- columns ---------------------------------------------------------------------------------
 
@@ -121,35 +122,31 @@ class Judge:
         self, states: States, values: Values, *, tangents: bool, sizes: tuple[int, ...] = ()
     ) -> TableProblem:
         """Return the model near some values: on tangents, or on straight lines for all effects."""
-        return self._all.on(self._channels(states, values, tangents), sizes)
+        cells = []
+        for j in self.data.joints:
+            own = tuple((e, x) for e, x in values.items() if j in e.joints)
+            cells.append(self._cells(j, states[j], own, tangents))
+        return self._all.on(cells, sizes)
 
-    def _channels(self, states: States, values: Values, tangents: bool) -> list[Cells]:
-        out = []
-        for k, j in enumerate(self.data.joints):
-            own = {e: x for e, x in values.items() if j in e.joints}
-            key = states[j], tuple(own.items())
-            if (k, tangents) not in self._last or self._last[k, tangents][0] != key:
-                self._last[k, tangents] = key, self._cells(k, j, states, own, tangents)
-            out.append(self._last[k, tangents][1])
-        return out
-
-    def _cells(self, k: int, joint: int, states: States, own: Values, tangents: bool) -> Cells:
+    def _made(
+        self, joint: int, state: State, values: tuple[tuple[Effect, float], ...], tangents: bool
+    ) -> Cells:
         """Return the readings of a joint, with columns of a prior size each over friction."""
-        data, rows = self.data, self.data.of_joint[joint]
+        data, rows, own = self.data, self.data.of_joint[joint], dict(values)
         unit = data.unit[rows]
 
         def predicted(e: Effect, x: float) -> Array:
-            return self.predictor.of_joint(joint, states[joint], {**own, e: x}) / unit
+            return self.predictor.of_joint(joint, state, {**own, e: x}) / unit
 
         def line(e: Effect, x: float, to: float) -> Array:
             return (predicted(e, to) - predicted(e, x)) * e.size / (to - x)
 
-        slope = self.predictor.level_slope(joint, states[joint], own) / unit
+        slope = self.predictor.level_slope(joint, state, own) / unit
         poses = [data.pose[rows] == p for p in range(SMALL // 2)]
         columns = [LEVEL_SD * slope * p for p in poses]
         columns += [OFFSET_SD * data.sign[rows] * p for p in poses]
-        at = self._all.numbers[self._small[k]].tolist()
-        left = data.torque[rows] / unit - self.predictor.of_joint(joint, states[joint], own) / unit
+        at = self._all.numbers[self._small[data.joints.index(joint)]].tolist()
+        left = data.torque[rows] / unit - self.predictor.of_joint(joint, state, own) / unit
         fitted: dict[Effect, Array] = {}
         for e, x in own.items():
             step = TANGENT * e.size
@@ -271,7 +268,7 @@ class Judge:
                 elif len(new.values) >= len(now.values):
                     refused.add(frozenset(effects))
                 now = new
-            problem.take(self._channels(now.states, now.values, tangents=False))
+            problem.take(self.problem(now.states, now.values, tangents=False).channels)
             return now.score
 
         self._searched(start, refresh, refused).climb(start.terms)
