@@ -206,7 +206,10 @@ def unmodelled(motion: JointMotion, counts: Bools) -> float:
 def links_off(arm: Arm, motions: Sequence[JointMotion]) -> Array:
     """Return (n,) usual angle by which gravity is off because the links' centres are [rad]."""
     model = arm.model()
-    weight = np.linalg.norm(model.opt.gravity) * model.body_subtreemass[model.jnt_bodyid]
+    square = model.body_mass**2
+    for k in range(model.nbody - 1, 0, -1):  # errors of the links beyond a joint add up
+        square[model.body_parentid[k]] += square[k]
+    weight = np.linalg.norm(model.opt.gravity) * np.sqrt(square[model.jnt_bodyid])
     amplitude = np.array([np.sqrt(np.mean(m.gravity**2 + m.slope**2)) for m in motions])
     return np.asarray(LINK_CENTRES * weight / np.maximum(amplitude, 1e-9))
 

@@ -233,16 +233,23 @@ class _Joints:
 
         It is that of the other joints where all servos are the same.
         """
-        said = "unknown"
-        if self.servo.same and stiffnesses:
-            said = "taken from the other joints"
-            self.nominal[light, INDEX["stiffness"]] = np.median(stiffnesses)
-        values = dict.fromkeys(self.nominal[light, INDEX["stiffness"]])
-        self.notes.append(
-            f"joints {', '.join(str(j + 1) for j in light)}: no gravity sets the scale of their "
-            f"torques; servo stiffness {said}, set to {' '.join(f'{x:.3g}' for x in values)} "
-            "N·m/rad, and friction, damping and limits scale with it"
-        )
+        same = self.servo.same and bool(stiffnesses)
+        for j in light if same else []:
+            m, stiffness = self.motions[j], float(np.median(stiffnesses))
+            self.nominal[j, INDEX["stiffness"]] = stiffness
+            # with the others' stiffness it may sag enough after all
+            seen = np.abs(m.gravity).max() > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
+            self.scaled[j] = bool(seen and self.heavy[j])
+        without = [j for j in light if not self.scaled[j]]
+        if without:
+            said = "taken from the other joints" if same else "unknown"
+            values = self.nominal[without, INDEX["stiffness"]]
+            self.notes.append(
+                f"joints {', '.join(str(j + 1) for j in without)}: no gravity sets the scale of "
+                f"their torques; servo stiffness {said}, set to "
+                f"{' '.join(f'{x:.3g}' for x in dict.fromkeys(values))} N·m/rad, and "
+                "friction, damping and limits scale with it"
+            )
 
     def helped(self, nominal: Array, extended: Array) -> list[int]:
         """Return the joints whose causes may be named: none, where the model is worse in all.
