@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.judge.search import NAMED, Search
-from stiction_envs.gap.tables.data import Effect, TableData
+from stiction_envs.gap.tables.data import Effect, State, TableData
 from stiction_envs.gap.tables.predictor import Predictor, States, Values
 from stiction_envs.gap.tables.table_problem import SCATTER, SIZES, Cells, TableProblem
 
@@ -113,8 +114,7 @@ class Judge:
                     self._all.add(term, {}, np.ones(1), ends, odds)
                     self.effects[term] = e
                     self.term.setdefault(e, term)
-        self._last: dict[tuple[int, bool], tuple[object, Cells]] = {}
-        self._refused: set[frozenset[Effect]] = set()
+        self._cells = lru_cache(maxsize=8 * len(data.joints))(self._made)
 
     # ---- columns ---------------------------------------------------------------------------------
 
@@ -122,35 +122,31 @@ class Judge:
         self, states: States, values: Values, *, tangents: bool, sizes: tuple[int, ...] = ()
     ) -> TableProblem:
         """Return the model near some values: on tangents, or on straight lines for all effects."""
-        return self._all.on(self._channels(states, values, tangents), sizes)
+        cells = []
+        for j in self.data.joints:
+            own = tuple((e, x) for e, x in values.items() if j in e.joints)
+            cells.append(self._cells(j, states[j], own, tangents))
+        return self._all.on(cells, sizes)
 
-    def _channels(self, states: States, values: Values, tangents: bool) -> list[Cells]:
-        out = []
-        for k, j in enumerate(self.data.joints):
-            own = {e: x for e, x in values.items() if j in e.joints}
-            key = states[j], tuple(own.items())
-            if (k, tangents) not in self._last or self._last[k, tangents][0] != key:
-                self._last[k, tangents] = key, self._cells(k, j, states, own, tangents)
-            out.append(self._last[k, tangents][1])
-        return out
-
-    def _cells(self, k: int, joint: int, states: States, own: Values, tangents: bool) -> Cells:
+    def _made(
+        self, joint: int, state: State, values: tuple[tuple[Effect, float], ...], tangents: bool
+    ) -> Cells:
         """Return the readings of a joint, with columns of a prior size each over friction."""
-        data, rows = self.data, self.data.of_joint[joint]
+        data, rows, own = self.data, self.data.of_joint[joint], dict(values)
         unit = data.unit[rows]
 
         def predicted(e: Effect, x: float) -> Array:
-            return self.predictor.of_joint(joint, states[joint], {**own, e: x}) / unit
+            return self.predictor.of_joint(joint, state, {**own, e: x}) / unit
 
         def line(e: Effect, x: float, to: float) -> Array:
             return (predicted(e, to) - predicted(e, x)) * e.size / (to - x)
 
-        slope = self.predictor.level_slope(joint, states[joint], own) / unit
+        slope = self.predictor.level_slope(joint, state, own) / unit
         poses = [data.pose[rows] == p for p in range(SMALL // 2)]
         columns = [LEVEL_SD * slope * p for p in poses]
         columns += [OFFSET_SD * data.sign[rows] * p for p in poses]
-        at = self._all.numbers[self._small[k]].tolist()
-        left = data.torque[rows] / unit - self.predictor.of_joint(joint, states[joint], own) / unit
+        at = self._all.numbers[self._small[data.joints.index(joint)]].tolist()
+        left = data.torque[rows] / unit - self.predictor.of_joint(joint, state, own) / unit
         fitted: dict[Effect, Array] = {}
         for e, x in own.items():
             step = TANGENT * e.size
@@ -240,10 +236,24 @@ class Judge:
             out.append(WeighedEffect(effects=some, without=without, rivals=rivals))
         return out
 
+    def _searched(
+        self,
+        fit: TableFit,
+        refresh: Callable[[TableProblem, Sequence[Term]], float],
+        refused: Collection[frozenset[Effect]] = (),
+    ) -> Search[TableProblem]:
+        """Return a search on the straight lines that all effects have near a fit."""
+        lines = self.problem(fit.states, fit.values, tangents=False)
+
+        def possible(_: TableProblem, terms: Sequence[Term], __: Term) -> bool:
+            return frozenset(self.effects[t] for t in terms) not in refused
+
+        return Search(lines, list(self.effects), lambda _: (), refresh, possible)
+
     def _climb(self, start: TableFit, say: Callable[[str], None]) -> TableFit:
         """Return the best model that steps from a model reach, each verified by a fit."""
         best = now = start
-        self._refused.clear()
+        refused = set[frozenset[Effect]]()
 
         def refresh(problem: TableProblem, terms: Sequence[Term]) -> float:
             nonlocal best, now
@@ -256,19 +266,12 @@ class Judge:
                 if new.worth > best.worth:
                     best = new
                 elif len(new.values) >= len(now.values):
-                    self._refused.add(frozenset(effects))
+                    refused.add(frozenset(effects))
                 now = new
-            problem.take(self._channels(now.states, now.values, tangents=False))
+            problem.take(self.problem(now.states, now.values, tangents=False).channels)
             return now.score
 
-        search = Search(
-            self.problem(start.states, start.values, tangents=False),
-            list(self.effects),
-            lambda _: (),
-            refresh,
-            lambda _, terms, __: frozenset(self.effects[t] for t in terms) not in self._refused,
-        )
-        search.climb(start.terms)
+        self._searched(start, refresh, refused).climb(start.terms)
         return best
 
     def _rivals(
@@ -278,26 +281,14 @@ class Judge:
 
         ``fit`` is the model with the effects, ``without`` the model without them.
         """
-        lines = self.problem(without.states, without.values, tangents=False)
-        rest, joints = without.terms, {self.term[e].joint for e in instead}
-        joints |= set(range(len(self.data.joints))) if ARM in joints else {ARM}
-        terms = [
-            t
-            for t, e in self.effects.items()
-            if t.joint in joints and e.cause != instead[0].cause and e not in without.values
-        ]
-        best: dict[tuple[str, int], tuple[float, Term]] = {}
-        for term, gain in zip(terms, lines.gains(rest, [[t] for t in terms]).tolist(), strict=True):
-            key = self.effects[term].cause, term.joint
-            best[key] = max(best.get(key, (gain, term)), (gain, term), key=lambda x: x[0])
-        offers: dict[str, tuple[float, list[Term]]] = {}
-        for (name, _), (gain, term) in best.items():
-            total, some = offers.get(name, (0.0, []))
-            if len(instead[0].joints) == 1 or gain > 0:
-                offers[name] = total + gain, [*some, term]
-        out = {}
-        for name in sorted(offers, key=lambda n: -offers[n][0])[:RIVALS]:
-            values = self.found(lines, [*rest, *offers[name][1]])
+        search = self._searched(without, lambda problem, terms: problem.score(terms))
+        mine = [self.term[e] for e in instead]
+        out: dict[str, TableFit] = {}
+        for _, terms in sorted(search.rivals(fit.terms, mine), key=lambda x: -x[0]):
+            name = self.effects[terms[-1]].cause
+            if name == instead[0].cause or name in out or len(out) == RIVALS:
+                continue
+            values = self.found(search.problem, terms)
             new = self.fit(values, without.states, simulate=False)
             close = new.score > fit.score - CLOSE
             out[name] = self.fit(new.values, new.states) if close else new
