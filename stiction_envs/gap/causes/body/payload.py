@@ -33,8 +33,9 @@ USUAL_SHARE = 0.3
 """Mass of usual tools over what the arm can lift at its reach [-]; assumed."""
 USUAL_CENTRE = 0.1
 """Distance of their centre from the flange, and twice their radius of gyration [m]; assumed."""
-LEAST_PARTS = np.array([1.0, *[0.3] * 3, *[0.0] * 6])
-"""Parts of these sizes of a body that is close to the flange, whatever its mass [-]; assumed."""
+LEAST_PARTS = np.array([0.3, *[0.0] * 9])
+"""Least part of its usual sizes that a small body's prior keeps [-]; assumed. A tenth of the mass
+would draw it towards zero, since links may take its place."""
 LEAST_INERTIA = 0.001
 """Least eigenvalue of the inertia about the centre, of a payload or of the rest of a link, over the
 mean of a small sphere's or of the link's [-]; assumed: far below any body's, far above rounding."""
