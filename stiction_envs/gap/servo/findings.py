@@ -15,7 +15,7 @@ from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.servo import motion
-from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
+from stiction_envs.gap.servo.causes import ServoLag, causes_of_joints, servo_cause
 from stiction_envs.gap.servo.fit import Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import STEPS, JointFindings
@@ -100,7 +100,8 @@ def joint_causes(results: Mapping[int, JointFindings], nominal_rms: Array) -> li
         share = {j: max(x.lost, 0.0) / max(float(nominal_rms[j]), 1e-12) for j, x in of.items()}
         found = {}
         for j in sorted(of, key=lambda j: -share[j]):
-            found[j + 1] = _estimates(cause, results[j].predicting)
+            lag = results[j].lag if cause == ServoLag.name else None
+            found[j + 1] = _estimates(cause, lag or results[j].predicting)
         rivals: dict[str, float] = {}
         for name, nats in (rival for x in of.values() for rival in x.rivals):
             rivals[name] = min(nats, rivals.get(name, nats))

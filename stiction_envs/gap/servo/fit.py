@@ -217,15 +217,13 @@ def fit(motion: JointMotion, noise: Noise, of: Coordinates, starts: Array, itera
     z, angle, cost, damping = z_all[k], angles[k], float(costs[k]), 1e-2
     slopes = derivatives(motion, of, z, angle)
     for _ in range(iterations if len(z) else 0):
-        error = error_of(motion, angle)
+        error = _error(motion, angle)
         weights = noise.weights(error)
         hessian = (slopes * weights) @ slopes.T + np.eye(len(z))
         gradient = slopes @ (weights * error) - z
         gained = 0.0
         for _ in range(2):
-            each = (hessian + x * np.diag(np.diag(hessian)) for x in damping * DAMPINGS)
-            ends = of.low - z, of.high - z
-            tried = np.stack([z + _step(a, gradient, *ends) for a in each])
+            tried = _steps(z, hessian, gradient, damping * DAMPINGS, of)
             angles = motion.simulate(of.parameters(tried))
             costs = _costs(motion, noise, angles, tried)
             k = int(np.argmin(costs))
@@ -240,7 +238,7 @@ def fit(motion: JointMotion, noise: Noise, of: Coordinates, starts: Array, itera
         slopes = derivatives(motion, of, z, angle)
         if gained < LEAST_GAIN:
             break
-    error = error_of(motion, angle)
+    error = _error(motion, angle)
     return Fit(
         coordinates=of,
         z=z,
@@ -262,23 +260,33 @@ def derivatives(motion: JointMotion, of: Coordinates, z: Array, angle: Array) ->
     return np.asarray(change * (sign / DIFFERENCE)[:, None])
 
 
-def error_of(motion: JointMotion, angle: Array) -> Array:
-    """Return (..., T) measured less simulated angle; a joint that diverged is a turn off [rad]."""
+def _error(motion: JointMotion, angle: Array) -> Array:
+    """Return measured less simulated angle; a joint that diverged is a turn off [rad]."""
     return np.asarray(np.clip(np.nan_to_num(motion.q - angle, nan=TURN), -TURN, TURN))
 
 
 def _costs(motion: JointMotion, noise: Noise, angles: Array, z: Array) -> Array:
-    return 0.5 * np.square(z).sum(axis=1) - noise.log_likelihood(error_of(motion, angles))
+    errors = np.stack([_error(motion, angle) for angle in angles])
+    return 0.5 * np.square(z).sum(axis=1) - noise.log_likelihood(errors)
 
 
-def _step(a: Array, gradient: Array, low: Array, high: Array) -> Array:
-    """Return the step x within bounds with a x = gradient; what pushes out of its bound stays."""
-    x, moving = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
-    while moving.any():
-        x[:] = 0.0
-        x[moving] = np.linalg.solve(a[np.ix_(moving, moving)], gradient[moving])
-        outward = moving & ((x < low) & (low >= 0.0) | (x > high) & (high <= 0.0))
-        if not outward.any():
-            return np.clip(x, low, high)
-        moving &= ~outward
-    return np.zeros(len(gradient))
+def _steps(z: Array, hessian: Array, gradient: Array, dampings: Array, of: Coordinates) -> Array:
+    """Return one z per damping; coordinates on a bound that push outward stay."""
+    out = np.repeat(z[None], len(dampings), axis=0)
+    diagonal = np.diag(np.diag(hessian))
+    for row, damping in zip(out, dampings, strict=True):
+        moving = np.ones(len(z), dtype=bool)
+        x = np.zeros(len(z))
+        for _ in range(len(z)):
+            m = np.flatnonzero(moving)
+            x[:] = 0.0
+            if len(m) == 0:
+                break
+            x[m] = np.linalg.solve((hessian + damping * diagonal)[np.ix_(m, m)], gradient[m])
+            new = z + x
+            outward = (new < of.low) & (z <= of.low) | (new > of.high) & (z >= of.high)
+            if not (outward & moving).any():
+                break
+            moving &= ~outward
+        row[:] = np.clip(z + x, of.low, of.high)
+    return out

@@ -86,21 +86,18 @@ class JointMotion:
         )
         return out
 
-    def heads(self, seconds: float) -> tuple[JointMotion, Bools]:
-        """Return the heads of all segments, equally long, and whether each row (T,) is in them.
+    def heads(self, lengths: Index) -> tuple[JointMotion, Bools]:
+        """Return the first rows of each segment, and whether each row (T,) is one of them.
 
-        Together they last no longer than some time.
+        ``lengths`` (S,) of 0 leave a segment out.
         """
-        counts = np.diff(self.bounds)
-        most = int(counts.max())
-        while np.minimum(counts, most).sum() * self.step > seconds and most > 2:
-            most = int(0.9 * most)
-        rows: Bools = np.arange(len(self.t)) - self.bounds[self.segment] < most
-        lengths = np.minimum(counts, most)
-        at = [self.bounds[s] + 2 * s + np.arange(k + 2) for s, k in enumerate(lengths)]
+        counts, kept = np.diff(self.bounds), np.flatnonzero(lengths)
+        since = np.arange(len(self.t)) - np.repeat(self.bounds[:-1], counts)
+        rows: Bools = since < np.repeat(lengths, counts)
+        at = [self.bounds[s] + 2 * s + np.arange(lengths[s] + 2) for s in kept]
         names = ("t", "q", "command", "gravity", "slope", "inertia", "coupling")
         motion = JointMotion(
-            bounds=np.concatenate([[0], np.cumsum(lengths)]),
+            bounds=np.concatenate([[0], np.cumsum(lengths[kept])]),
             nodes=np.take(self.nodes, np.concatenate(at), axis=1),
             **{name: getattr(self, name)[rows] for name in names},
         )

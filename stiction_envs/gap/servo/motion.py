@@ -6,25 +6,21 @@ A joint in contact stands far from its command and stalls.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
+import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.servo.joint import JointMotion, command_nodes
 from stiction_envs.gap.signals.filters import lowpass
-from stiction_envs.gap.signals.rigid_body import (
-    gravity_slopes,
-    gravity_torque,
-    inverse_dynamics,
-    mass_matrices,
-)
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 CUTOFF_HZ = 5.0
 """Bandwidth of the accelerations that couple the joints [Hz]: angles come in steps of about a
 milliradian; assumed."""
+TILT = 1e-3
+"""Angle over which the slope of gravity is taken [rad]; assumed."""
 OUTSIDE = 1.0
 """Time for which a command counts as held before and after a segment [s]; assumed."""
 
@@ -55,46 +51,69 @@ def joint_motions(
     The arm is rigid, and gravity acts on it. ``zeros`` (n,) are offsets of the logged angles [rad].
     """
     parts = [(logs[k], s) for k, s in segments(logs)]
-    each = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
-    torques = {name: np.concatenate([x[name] for x in each]) for name in each[0]}
-    t, q, command = (
-        np.concatenate([getattr(log, name)[s] for log, s in parts]) for name in ("t", "q", "q_cmd")
-    )
-    bounds = np.concatenate([[0], np.cumsum([s.stop - s.start for _, s in parts])])
+    torques = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
+    t = [log.t[s] for log, s in parts]
+    bounds = np.concatenate([[0], np.cumsum([len(x) for x in t])])
     out = []
     for j in range(arm.n):
+        commands = [log.q_cmd[s, j] for log, s in parts]
         nodes = [
-            command_nodes(t[a:b], command[a:b, j], t[a] - OUTSIDE, t[b - 1] + OUTSIDE)
-            for a, b in pairwise(bounds)
+            command_nodes(x, command, x[0] - OUTSIDE, x[-1] + OUTSIDE)
+            for x, command in zip(t, commands, strict=True)
         ]
+        gravity, slope, inertia, coupling = (
+            np.concatenate([x[i][:, j] for x in torques]) for i in range(4)
+        )
         out.append(
             JointMotion(
-                t=t,
-                q=np.ascontiguousarray(q[:, j]),
-                command=np.ascontiguousarray(command[:, j]),
+                t=np.concatenate(t),
+                q=np.concatenate([log.q[s, j] for log, s in parts]),
+                command=np.concatenate(commands),
                 bounds=bounds,
                 nodes=np.concatenate(nodes, axis=1),
-                **{name: np.ascontiguousarray(x[:, j]) for name, x in torques.items()},
+                gravity=gravity,
+                slope=slope,
+                inertia=inertia,
+                coupling=coupling,
             )
         )
     return out
 
 
-def _torques(arm: Arm, t: Array, q: Array) -> dict[str, Array]:
-    """Return (T, n) gravity, its slope, diagonal inertia, coupling torque along one segment."""
-    model = arm.pinocchio()
+def _torques(arm: Arm, t: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+    """Return gravity, its slope, diagonal inertia, coupling torque along one segment, (T, n)."""
+    model = arm.model()
+    data = mujoco.MjData(model)
+    n = arm.n
     smooth = lowpass(q, 1.0 / float(np.median(np.diff(t))), CUTOFF_HZ)
     speed = np.gradient(smooth, t, axis=0)
     acceleration = np.gradient(speed, t, axis=0)
-    gravity = gravity_torque(model, q)
-    inertia = np.diagonal(mass_matrices(model, q), axis1=1, axis2=2)
-    whole = inverse_dynamics(model, q, speed, acceleration)
-    return {
-        "gravity": gravity,
-        "slope": np.diagonal(gravity_slopes(model, q), axis1=1, axis2=2),
-        "inertia": inertia,
-        "coupling": whole - gravity - inertia * acceleration,
-    }
+    gravity, slope, inertia, coupling = (np.empty((len(t), n)) for _ in range(4))
+    mass = np.empty((n, n))
+    for k in range(len(t)):
+        data.qpos[:], data.qvel[:] = q[k], speed[k]
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, mass)
+        bias = data.qfrc_bias.copy()
+        data.qvel[:] = 0.0
+        gravity[k] = _gravity(model, data)
+        inertia[k] = np.diag(mass)
+        coupling[k] = bias - gravity[k] + mass @ acceleration[k] - inertia[k] * acceleration[k]
+        for j in range(n):
+            data.qpos[j] += TILT
+            slope[k, j] = (_gravity(model, data)[j] - gravity[k, j]) / TILT
+            data.qpos[j] = q[k, j]
+    return gravity, slope, inertia, coupling
+
+
+def _gravity(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Return the (n,) gravity torque at rest at ``data.qpos`` [N·m]."""
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    mujoco.mj_comVel(model, data)  # at rest: what the last speeds left would count
+    out = np.zeros(model.nv)
+    mujoco.mj_rne(model, data, 0, out)
+    return out
 
 
 def suspected(motion: JointMotion) -> Bools:
@@ -131,10 +150,24 @@ def in_contact(motion: JointMotion, error: Array, resolution: float) -> Bools:
 
 def stretches(t: Array, rows: Bools) -> list[list[float]]:
     """Return first and last time of each run of rows [s]."""
-    return [[float(t[a]), float(t[b - 1])] for a, b in runs(rows)]
+    return [[float(t[a]), float(t[b - 1])] for a, b in _runs(rows)]
 
 
-def runs(rows: Bools) -> list[tuple[int, int]]:
+def _runs(rows: Bools) -> list[tuple[int, int]]:
     """Return first row of each run of rows, and the row after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int))).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def pushing(current: Array, rows: Bools) -> Bools:
+    """Return which rows (T,) in contact the motor pushes in: its current is the witness.
+
+    ``current`` (T,) is the size of the motor's current [any unit]; NaN where it was not logged.
+    """
+    if np.isnan(current).all() or not rows.any() or rows.all():
+        return rows
+    usual = float(np.nanmedian(current[~rows]))
+    out = np.zeros_like(rows)
+    for a, b in _runs(rows):
+        out[a:b] = not np.nanmedian(current[a:b]) <= usual
+    return out

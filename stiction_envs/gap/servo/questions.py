@@ -4,23 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.arrays import Array, Bools
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.servo_parameters import (
-    INDEX,
-    LOW,
-    InServo,
-    absent,
-)
+from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, InServo, absent
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
+MOST_SECONDS = 240.0
+"""Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 GRAVITY_SEEN = 3.0
 """Least sag by gravity over the angle's resolution that scales a servo's stiffness [-]; assumed."""
 LEAST_GRAVITY = 0.02
@@ -40,6 +38,8 @@ CALM_ROWS, LEAST_CALM = 9, 20
 """Rows for which a command rests where noise is measured, and their least number; assumed."""
 MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
+PASSED = 3
+"""Number of rows that show that a speed was passed; assumed."""
 UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH = 10.0, 50.0
 """Least stiffness over the arm's largest gravity [1/rad] and natural frequency [rad/s] of a servo
 of which nothing is known; the notes say so. A softer servo would not follow; a stiffer one leaves
@@ -125,18 +125,18 @@ def unknown_damping(servo: Servo) -> bool:
 
 
 def always_fitted(
-    servo: Servo, motion: JointMotion, links: float, nominal: Array, scaled: bool
+    servo: Servo, motion: JointMotion, links: Array, nominal: Array, scaled: bool
 ) -> dict[str, float]:
     """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
-    These are small errors of stamps, links [rad], bristles and stated gains, and
+    These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains, and
     unknown damping. ``nominal`` are the joint's (P,) parameters; ``scaled`` says whether gravity
     scales the servo's torque.
     """
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
     if scaled and not servo.perfect:
-        out |= {"compensation": float(np.hypot(LINK_MASSES, links)), "offset": links}
+        out |= zip(("compensation", "offset"), links.tolist(), strict=True)
         out["stiffness"] = SERVO_OFF
     if unknown_damping(servo):
         stiffness = float(nominal[INDEX["stiffness"]])
@@ -203,15 +203,44 @@ def unmodelled(motion: JointMotion, counts: Bools) -> float:
     return LEFT * float(np.sqrt(np.mean(stretched[counts] ** 2)))
 
 
+def passed_speed(motion: JointMotion) -> float:
+    """Return the least speed limit that the motion allows [rad/s].
+
+    Over some time a joint goes no further than its reference, but for how far it stood behind at
+    first and is ahead at last; the reference is no further from it than its command.
+    """
+    fastest = 0.0
+    for seconds in (0.25, 0.5, 1.0):
+        k = motion.rows_in(seconds)
+        for a, b in pairwise(motion.bounds):
+            went = motion.q[a + k : b] - motion.q[a : b - k]
+            if len(went) < PASSED:
+                continue
+            ahead = (motion.command - motion.q)[a:b]
+            before, after = np.sign(went) * ahead[:-k], -np.sign(went) * ahead[k:]
+            alone = np.abs(went) - np.maximum(before, 0.0) - np.maximum(after, 0.0)
+            fastest = max(fastest, float(np.sort(alone)[-PASSED:].mean()) / seconds)
+    return fastest
+
+
 def links_off(arm: Arm, motions: Sequence[JointMotion]) -> Array:
-    """Return (n,) usual angle by which gravity is off because the links' centres are [rad]."""
+    """Return (n, 2) usual error of each joint's gravity because links are off.
+
+    Of its size, over it [-], and as an angle [rad].
+    """
     model = arm.model()
-    square = model.body_mass**2
-    for k in range(model.nbody - 1, 0, -1):  # errors of the links beyond a joint add up
-        square[model.body_parentid[k]] += square[k]
-    weight = np.linalg.norm(model.opt.gravity) * np.sqrt(square[model.jnt_bodyid])
+    moment = np.zeros(arm.n)
+    for j in range(arm.n):
+        beyond, body = [], model.jnt_bodyid[j]
+        for k in range(body, model.nbody):
+            at = k
+            while at > body:
+                at = model.body_parentid[at]
+            beyond.append(model.body_mass[k] * (at == body))
+        moment[j] = LINK_CENTRES * np.linalg.norm(model.opt.gravity) * np.linalg.norm(beyond)
     amplitude = np.array([np.sqrt(np.mean(m.gravity**2 + m.slope**2)) for m in motions])
-    return np.asarray(LINK_CENTRES * weight / np.maximum(amplitude, 1e-9))
+    angle = moment / np.maximum(amplitude, 1e-9)
+    return np.stack([np.hypot(LINK_MASSES, angle), angle], axis=1)
 
 
 def resolution_of(q: Array) -> float:
@@ -243,6 +272,27 @@ def swing_at_rest(motion: JointMotion, angle: Array) -> float:
     return float(np.std((angle - mean[np.minimum(rest, len(mean) - 1)])[settled]))
 
 
+def shown(motion: JointMotion, resolution: float) -> Index:
+    """Return (S,) how many rows of each segment show a joint's causes.
+
+    The heads of all segments in which it moves, equally long: a limit shows in one motion, friction
+    in another.
+    """
+    lengths = np.diff(motion.bounds)
+    parts = [slice(a, b) for a, b in pairwise(motion.bounds)]
+    moves = np.array([np.ptp(motion.command[p]) >= MOVES * resolution for p in parts], dtype=bool)
+    lengths = np.where(moves, lengths, 0) if moves.any() else lengths
+    most = MOST_SECONDS / motion.step
+    # the longest head of which all segments together have no more than that
+    heads = np.sort(lengths)
+    totals = np.cumsum(heads) + heads * np.arange(len(heads) - 1, -1, -1)
+    if totals[-1] <= most:
+        return lengths
+    k = int(np.argmax(totals > most))
+    head = int((most - heads[:k].sum()) / (len(heads) - k))
+    return np.minimum(lengths, max(head, 1))
+
+
 def notes_of(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
     """Return notes on the model's limits and springs, and on commands that come late."""
     q = np.concatenate([log.q for log in logs])
@@ -253,7 +303,7 @@ def notes_of(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
         if not turns[j] and (least < low or most > high):
             out.append(
                 f"joint {j + 1} was logged from {least:.4g} to {most:.4g} rad, its model ends at "
-                f"{low:.4g} and {high:.4g}: no limit is simulated, check its zero"
+                f"{low:.4g} and {high:.4g}: the limits were widened, check its zero"
             )
     for log in logs:
         left = np.zeros((len(AHEAD), log.n))

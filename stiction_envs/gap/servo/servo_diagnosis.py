@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.gap.judge.judgement import Judgement, percent_gained
+from stiction_envs.gap.judge.judgement import Judgement
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
@@ -27,6 +27,7 @@ from stiction_envs.gap.servo.joint_search import (
     PERFECT,
     JointFindings,
     JointProblem,
+    Question,
     judge,
 )
 from stiction_envs.gap.servo.questions import Servo
@@ -35,8 +36,6 @@ from stiction_envs.gap.servo.servo_payload import Tip, proposed
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-MOST_SECONDS = 240.0
-"""Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 Progress = Callable[[str, float], None]
 """Called with a stage and its part done."""
 
@@ -76,7 +75,8 @@ class ServoDiagnosis(Judgement):
         off = self.nominal_rms > self.noise
         if not self.causes or not off.any():
             return 0.0
-        return percent_gained(self.nominal_rms[off], self.extended_rms[off])
+        share = self.extended_rms[off] / self.nominal_rms[off]
+        return float(100.0 * (1.0 - share.mean()))
 
     def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``."""
@@ -127,9 +127,10 @@ class _Joints:
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
         self.links = questions.links_off(arm, self.motions)
-        heads = [m.heads(MOST_SECONDS) for m in self.motions]
-        self.chosen, self.shown = [m for m, _ in heads], heads[0][1]
-        """Heads of the motions, on which causes are chosen, and the (T,) rows of these."""
+        # rows on which each joint's causes are chosen
+        each = zip(self.motions, self.resolution, strict=True)
+        heads = [m.heads(questions.shown(m, r)) for m, r in each]
+        self.chosen, self.shown = [m for m, _ in heads], [some for _, some in heads]
         self.notes = questions.notes_of(arm, logs)
         self.lasts: dict[int, float] = {}
         self.free = np.ones(len(self.motions[0].t), dtype=bool)
@@ -153,7 +154,7 @@ class _Joints:
         """Return the joints (from 0) on which a cause was found."""
         return [j for j, joint in self.found.items() if cause in joint.causes]
 
-    def question(self, j: int, counts: Bools) -> JointProblem:
+    def question(self, j: int, counts: Bools) -> Question:
         """Return the question about a joint; ``counts`` are rows of those shown."""
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
@@ -165,7 +166,7 @@ class _Joints:
             questions.possible_causes(self.servo, *x)
             for x in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
-        return JointProblem(
+        return Question(
             motion=m,
             nominal=nominal,
             always=questions.always_fitted(self.servo, m, self.links[j], nominal, scaled),
@@ -181,8 +182,8 @@ class _Joints:
         """Return by joint the (T,) rows in which it seems to touch something."""
 
         def error_of(j: int) -> Array:
-            counts = ~motion.suspected(self.motions[j])[self.shown]
-            rough, _ = self.question(j, counts).rough()
+            counts = ~motion.suspected(self.motions[j])[self.shown[j]]
+            rough, _ = JointProblem(self.question(j, counts)).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}
@@ -194,30 +195,25 @@ class _Joints:
         return {} if many else out
 
     def pushed(self, contacts: dict[int, Bools]) -> dict[int, Bools]:
-        """Return the contacts in which the motor pushes; of others the notes say that it rests.
-
-        A motor that draws no more current than elsewhere rests.
-        """
+        """Return the contacts in which the motor pushes; of others the notes say that it rests."""
         none = [np.full_like(x.q, np.nan) for x in self.logs]
         each = [y if x.current is None else x.current for x, y in zip(self.logs, none, strict=True)]
-        currents, t = whole_arm.rows(self.logs, each), self.motions[0].t
+        currents, out = whole_arm.rows(self.logs, each), {}
         for j, touches in contacts.items():
-            usual = np.median(currents[~touches, j])
-            for a, b in motion.runs(touches):
-                if np.median(currents[a:b, j]) <= usual:
-                    touches[a:b] = False
-                    self.notes.append(
-                        f"joint {j + 1} stands far from its command from {t[a]:.4g} to "
-                        f"{t[b - 1]:.4g} s while its motor draws no more current than elsewhere: "
-                        "its servo rests; left out"
-                    )
-        return {j: touches for j, touches in contacts.items() if touches.any()}
+            out[j] = motion.pushing(currents[:, j], touches)
+            for begin, end in motion.stretches(self.motions[j].t, touches & ~out[j]):
+                self.notes.append(
+                    f"joint {j + 1} stands far from its command from {begin:.4g} to {end:.4g} s "
+                    "while its motor draws no more current than elsewhere: its servo rests; left "
+                    "out"
+                )
+        return {j: touches for j, touches in out.items() if touches.any()}
 
     def choose(self) -> None:
         """Find the causes of each joint."""
 
         def one(j: int) -> JointFindings:
-            found = judge(self.question(j, self.free[self.shown]))
+            found = judge(self.question(j, self.free[self.shown[j]]))
             self.say("choosing causes", (len(self.found) + 1) / self.n)
             return found
 
@@ -298,7 +294,7 @@ class _Joints:
         """Return (n,) error [rad] that a payload takes off; ``other`` are joints that carry it."""
         out = np.empty(self.n)
         for j, m in enumerate(self.chosen):
-            fit, counts = other.found[j].fit, self.free[self.shown]
+            fit, counts = other.found[j].fit, self.free[self.shown[j]]
             angle = m.simulate(fit.parameters[None])[0]
             without, with_it = (np.mean(x[counts] ** 2) for x in (m.q - angle, fit.error))
             out[j] = np.sqrt(without) - np.sqrt(with_it)
@@ -399,12 +395,11 @@ def diagnose_servo(
     checked = None
     if check:
         say("check", 0.0)
-        model = whole_arm.simulate_arm(joints.arm, check, final, joints.load)
-        plain_too = whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load)
-        checked = whole_arm.ServoCheck(
-            nominal_rms=whole_arm.errors_of(check, plain_too),
-            extended_rms=whole_arm.errors_of(check, whole_arm.rows(check, model)),
-            fitted_rms=extended_rms,
+        checked = whole_arm.check_model(
+            check,
+            whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load),
+            whole_arm.rows(check, whole_arm.simulate_arm(joints.arm, check, final, joints.load)),
+            extended_rms,
         )
     return ServoDiagnosis(
         robot=arm.name,

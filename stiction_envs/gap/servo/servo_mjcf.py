@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from stiction_envs.gap.model_file import Nominal, changed_arm
 from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
 from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.servo_parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
-from stiction_envs.gap.servo.whole_arm import friction_of
+from stiction_envs.gap.servo.whole_arm import friction_of, reaching
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
 from stiction_envs.robots.arm_toml import read_toml
@@ -34,11 +33,8 @@ def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> Extension:
     parts = before.parts
     if d.payload is not None:
         parts = (*parts, d.payload.part(1 + max((p.level for p in parts), default=0)))
-    arm = changed_arm(arm, parts)
-    q = np.concatenate([log.q for log in d.logs])
-    low, high = arm.limits.position.T
-    beyond = (q.min(axis=0) < low) | (q.max(axis=0) > high)
-    xml, missing = servo_mjcf(arm, d.parameters, d.load, np.flatnonzero(beyond).tolist())
+    arm = reaching(changed_arm(arm, parts), d.logs)
+    xml, missing = servo_mjcf(arm, d.parameters, d.load)
     friction = friction_of(arm, d.parameters, d.load)
     changed = [
         name
@@ -63,13 +59,10 @@ def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> Extension:
     )
 
 
-def servo_mjcf(
-    arm: Arm, parameters: Array, load: Array, unlimited: Sequence[int] = ()
-) -> tuple[str, tuple[str, ...]]:
+def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str, ...]]:
     """Return plain MJCF of the rigid arm under servos of (n, P) parameters, and what is missing.
 
-    Load-dependent friction is held at ``load`` (n,), the usual size of gravity [N·m]. Joints (from
-    0) that are ``unlimited`` went further than the model's limits.
+    Load-dependent friction is held at ``load`` (n,), the usual size of gravity [N·m].
 
     Raises:
         StictionError: MuJoCo cannot represent the model.
@@ -84,9 +77,6 @@ def servo_mjcf(
     level = friction.stiction + (friction.load_coefficient * load)[:, None]
     friction = friction.replace(stiction=level, load_coefficient=np.zeros(arm.n))
     root, actuators = mjcf_tree(arm, friction)
-    names = [arm.joint_names[j] for j in unlimited]
-    for joint in (x for x in root.iter("joint") if x.get("name") in names):
-        joint.set("limited", "false")
     for j, name in enumerate(arm.joint_names):
         servo = ET.SubElement(
             actuators,

@@ -19,10 +19,10 @@ from stiction_envs.arrays import Array
 
 FAR = 1e9
 """Value of a limit that is never reached [SI]."""
-ALONE = 3
-"""Number of a stage."""
 BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
 """A measurement that tells causes apart."""
+ALONE = 3
+"""Number of a stage."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +88,7 @@ _LOW, _HIGH = (np.array([getattr(p, end) for p in PARAMETERS.values()]) for end 
 LOW = np.where(OF_TORQUE, np.minimum(_LOW, 1e-9), _LOW)
 HIGH = np.where(OF_TORQUE, np.inf, _HIGH)
 """(P,) bounds of an arm of any size."""
-
-
-LIMITS = {name for name, p in PARAMETERS.items() if p.absent == FAR}
+LIMITS = tuple(name for name, p in PARAMETERS.items() if p.absent == FAR)
 """Parameters that a joint shows where it reaches them."""
 
 

@@ -1,9 +1,9 @@
 """A mass at the tip that the model lacks: proposed by a regression, judged by the joints' evidence.
 
 A body at the flange sags all joints under gravity, each as a softer servo would. One regression
-over all joints of the servos' torques K (q_cmd − q) on the torques of such a body proposes its mass
-and centre; friction, lag, and links a little off are small errors of each joint. It is named where
-it adds more to the evidence of the joints than its own four numbers cost.
+over all joints of the servos' torques K (q_cmd − q) on the torques of such a body, with friction,
+lag, and links a little off as nuisances, proposes its mass and centre. It is named where it adds
+more to the evidence of the joints than its own four numbers cost.
 """
 
 from __future__ import annotations
@@ -19,8 +19,6 @@ from stiction_envs.gap.causes.body.bodies import from_flange, sphere
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.judge.judgement import Estimate
-from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
-from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
 from stiction_envs.gap.servo.servo_parameters import INDEX
@@ -32,18 +30,18 @@ ROW_SECONDS, BLOCK = 0.1, 4.0
 """Time between rows of the regression, and of blocks that give the interval [s]; assumed."""
 SLOW = 0.02
 """Speed at which dry friction is nearly its level [rad/s]; assumed."""
+LINKS_OFF, ZERO_OFF = 0.08, 0.02
+"""Usual error of a joint's gravity by small errors of links [-], and of its zero [rad]; assumed."""
 CARRIES = 1 / 3
 """Usual gravity of a body at the flange over the arm's own largest [-]; assumed."""
 LOOKS_LIKE = 0.03
 """Gravity of the body that small errors of links look like, over the same [-]; assumed."""
 REACH = 0.1
 """Usual distance of its centre from the flange [m]; assumed."""
-LINKS_OFF, ZERO_OFF = 0.08, 0.02
-"""Usual error of a joint's gravity by small errors of links [-], and of its zero [rad]; assumed."""
 ROUNDS = 4
 """Rounds of weighing the joints by their error; assumed."""
-FREE = 10.0
-"""Usual torque of what is not known at all, over the size of the servo's [-]; assumed."""
+PROMISING = 3.0
+"""Least mass over its standard error for the joints to be judged anew with it [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,60 +81,74 @@ def proposed(
     stiffness is known. ``rows`` (T,) are those without contact; ``shifted`` are joints (from 0)
     whose zero seems to be off.
     """
-    kept = np.flatnonzero(rows)[:: motions[0].rows_in(ROW_SECONDS)]
-    body = gravity_of_tip(arm, np.stack([m.q[kept] for m in motions], axis=1))
-    block = (motions[0].t[kept] // BLOCK).astype(int)
-    _, block = np.unique(block, return_inverse=True)
+    every = motions[0].rows_in(ROW_SECONDS)
+    kept = np.flatnonzero(rows)[::every]
+    q = np.stack([m.q[kept] for m in motions], axis=1)
+    body = gravity_of_tip(arm, q)
+    blocks = (motions[0].t[kept] // BLOCK).astype(int)
+    _, block = np.unique(blocks, return_inverse=True)
+    parts = []
+    for j, (m, p) in enumerate(zip(motions, nominal, strict=True)):
+        torque, nuisance, prior = _residual(m, p, kept)
+        if j in shifted:
+            prior[-1] = np.inf
+        parts.append(_without(torque, nuisance, prior, body[:, j]))
+    torque = np.concatenate([part[0] for part in parts])
+    columns = np.concatenate([part[1] for part in parts])
+    joint, block = np.repeat(np.arange(arm.n), len(kept)), np.tile(block, arm.n)
     own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
     of_mass = np.sqrt(np.mean(body[..., 0] ** 2, axis=0)).max()
     usual = CARRIES * own.max() / max(of_mass, 1e-12) * np.array([1.0, REACH, REACH, REACH])
-    everywhere = np.zeros(len(kept), dtype=np.int64)
-    problem, free = Problem([], np.ones(arm.n)), np.full(6, np.inf)
-    for j, (m, p) in enumerate(zip(motions, nominal, strict=True)):
-        torque, columns = _residual(m, p, kept)
-        size = np.sqrt(np.mean(columns**2, axis=0))
-        sd = FREE * float(np.std(torque)) / np.maximum(size, 1e-9)
-        sd[4] = LINKS_OFF
-        sd[5] = sd[5] if j in shifted else ZERO_OFF
-        problem.channels.append(Channel(torque, everywhere, 1))
-        off = Term("friction, lag and links", j, small=True)
-        problem.add(off, {j: columns.T}, sd, (-free, free), 0.0)
-    tip = Term(Payload.name, ARM)
-    bounds = -free[:4], free[:4]
-    problem.add(tip, {j: body[:, j].T for j in range(arm.n)}, usual, bounds, 0.0)
-    little = usual * [LOOKS_LIKE / CARRIES, 1.0, 1.0, 1.0]
-    problem.share(tip._replace(small=True), tip, little)
-    terms = problem.model([tip])
+    unit = np.diag(1.0 / usual**2)
+    found = np.zeros(4)
     for _ in range(ROUNDS):  # joints weigh by what the body leaves on them
-        found = problem.fit(terms)
-        left = [x.residual - x.columns.T @ found[x.at] for x in problem.channels]
-        by_block = np.stack([np.bincount(block, weights=x) for x in left])
-        each = np.maximum(np.square(left).sum(axis=1), np.square(by_block).sum(axis=1))
-        problem.given(np.maximum(each / len(kept), 1e-12))
-    found, covariance = problem.fit(terms)[-4:], problem.covariance(terms)[-4:, -4:]
-    mass, nats = float(found[0]), problem.score([tip]) - problem.score([])
-    if mass <= 0 or nats < NAMED:
+        left = (torque - columns @ found) ** 2
+        weight = 1.0 / np.maximum(np.bincount(joint, weights=left) / len(kept), 1e-12)[joint]
+        inverse = np.linalg.pinv(columns.T @ (weight[:, None] * columns) + unit)
+        found = inverse @ (columns.T @ (weight * torque))
+    error = weight * (torque - columns @ found)
+    by_block = np.stack([np.bincount(block, weights=x * error) for x in columns.T])
+    spread = by_block @ by_block.T
+    for j, (_, _, likely) in enumerate(parts):  # links that are off err the same way everywhere
+        mine = joint == j
+        error = columns[mine].T @ (weight[mine, None] * likely)
+        spread += error @ error.T
+    covariance = inverse @ spread @ inverse
+    variance = np.diag(covariance)  # rounding may leave less than none where nothing is shown
+    deviation = np.sqrt(np.where(variance > 0, variance, np.inf))
+    mass, moment = float(found[0]), found[1:]
+    if not 0 < mass >= PROMISING * deviation[0]:  # nuisances may leave nothing of it
         return None
-    z, narrowed = found / usual, covariance / np.outer(usual, usual)
-    wide = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
-    com, half = found[1:] / mass, wide * np.sqrt(np.diag(covariance))
-    axes = np.stack([com - half[1:] / mass, com + half[1:] / mass], axis=1).tolist()
-    interval = mass - float(half[0]), mass + float(half[0])
+    little = usual * np.array([LOOKS_LIKE / CARRIES, 1.0, 1.0, 1.0])
+    cost = _cost(found / usual, covariance / np.outer(usual, usual))
+    quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
+    com, wide = moment / mass, quantile * deviation[1:] / mass
+    half = quantile * float(deviation[0])
+    axes = np.stack([com - wide, com + wide], axis=1).tolist()
     return Tip(
         mass=mass,
         com=com,
         parameters={
-            "mass_kg": Estimate(value=mass, ci95=interval, on_bound=False),
+            "mass_kg": Estimate(value=mass, ci95=(mass - half, mass + half), on_bound=False),
             "com_m": Estimate(value=com.tolist(), ci95=axes, on_bound=False),
         },
         torque=np.sqrt(np.mean((body @ found) ** 2, axis=0)),
-        cost=0.5 * float(z @ z - np.linalg.slogdet(narrowed)[1]),
-        nats=nats,
+        cost=cost,
+        nats=_cost(found / little, covariance / np.outer(little, little)) - cost,
     )
 
 
-def _residual(motion: JointMotion, p: Array, kept: Index) -> tuple[Array, Array]:
-    """Return (R,) residual of the servo's torque [N·m], and (R, 6) torques of what may be off."""
+def _cost(found: Array, covariance: Array) -> float:
+    """Return nats that four numbers in units of their priors cost by Laplace's approximation."""
+    narrowed = np.clip(np.linalg.eigvalsh(covariance), 1e-9, 1.0)
+    return 0.5 * float(found @ found - np.log(narrowed).sum())
+
+
+def _residual(motion: JointMotion, p: Array, kept: Index) -> tuple[Array, Array, Array]:
+    """Return the residual of the servo's torque [N·m], (R, N) nuisances, and their (N,) priors.
+
+    A prior is a standard deviation of the coefficient; inf where nothing is known.
+    """
     rate = 1.0 / motion.step
     speed = np.gradient(lowpass(motion.q, rate, CUTOFF_HZ), motion.t)
     acceleration = np.gradient(lowpass(speed, rate, CUTOFF_HZ), motion.t)
@@ -145,7 +157,26 @@ def _residual(motion: JointMotion, p: Array, kept: Index) -> tuple[Array, Array]
     direction = np.tanh(speed / SLOW)
     of_load = direction * np.abs(motion.gravity)
     columns = (direction, of_load, speed, acceleration, motion.gravity, motion.slope)
-    return torque[kept], np.stack(columns, axis=1)[kept]
+    nuisance = np.stack(columns, axis=1)
+    prior = np.array([np.inf] * 4 + [LINKS_OFF, ZERO_OFF])
+    return torque[kept], nuisance[kept], prior
+
+
+def _without(
+    torque: Array, nuisance: Array, prior: Array, own: Array
+) -> tuple[Array, Array, Array]:
+    """Return a joint's torque and the body's columns less what nuisances explain.
+
+    The torques of nuisances with a prior follow, likewise reduced, each of its usual size.
+    """
+    scale = max(1.4826 * float(np.median(np.abs(torque - np.median(torque)))), 1e-6)
+    ridge = (scale / prior) ** 2 * np.ones(len(prior))
+    square = nuisance.T @ nuisance + np.diag(ridge) + 1e-12 * np.eye(len(prior))
+    usual = np.flatnonzero(np.isfinite(prior))
+    of = np.column_stack([torque, nuisance[:, usual] * prior[usual], own])
+    left = of - nuisance @ np.linalg.lstsq(square, nuisance.T @ of, rcond=None)[0]
+    k = 1 + len(usual)
+    return left[:, 0], left[:, k:], left[:, 1:k]
 
 
 def gravity_of_tip(arm: Arm, q: Array) -> Array:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,12 @@ from stiction_envs.gap.servo.servo_parameters import FAR, INDEX, NAMES
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm
+from stiction_envs.robots.mjcf import numbers
 
 BLOCK = 2000
 """Control steps simulated at once [-]; bounds the memory."""
+ROOM = 0.2
+"""Least distance of the model's joint limits from the logged angles [rad]: zeros may be off."""
 FOLD_SECONDS = 10.0
 """Length of the blocks of time that are held out in turn [s]; assumed."""
 WORSE = 1.1
@@ -35,18 +39,13 @@ WORSE = 1.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServoCheck:
-    """Errors of both models on logs that took no part, (n,) [rad]."""
+    """The model on logs that took no part."""
 
     nominal_rms: Array
+    """(n,) [rad]."""
     extended_rms: Array
-    fitted_rms: Array
-    """The held-out error where the model was fitted."""
-
-    @property
-    def worse_joints(self) -> list[int]:
-        """The joints (from 1) on which the model is worse than the simulation."""
-        worse = self.extended_rms > np.maximum(WORSE * self.nominal_rms, self.fitted_rms)
-        return (np.flatnonzero(worse) + 1).tolist()
+    """(n,) [rad]."""
+    worse_joints: tuple[int, ...]
 
     @property
     def verdict(self) -> str:
@@ -59,7 +58,7 @@ class ServoCheck:
             "nominal_rms_rad": self.nominal_rms.tolist(),
             "extended_rms_rad": self.extended_rms.tolist(),
             "verdict": self.verdict,
-            "worse_joints": self.worse_joints,
+            "worse_joints": list(self.worse_joints),
             "not_transferring": [],
         }
 
@@ -97,6 +96,31 @@ def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
     return steady(FrictionParameters(**{**plain, **found}), arm)
 
 
+def reaching(arm: Arm, logs: Sequence[ServoLog], offset: Array | float = 0.0) -> Arm:
+    """Return the arm with joint limits that leave room around the angles of its logs.
+
+    A model may end before the robot's stops. ``offset`` (n,) is that of the logged angles [rad].
+    """
+    q = np.concatenate([log.q for log in logs]) - offset
+    limits = arm.limits.position.copy()
+    limits[:, 0] = np.minimum(limits[:, 0], q.min(axis=0) - ROOM)
+    limits[:, 1] = np.maximum(limits[:, 1], q.max(axis=0) + ROOM)
+    if np.array_equal(limits, arm.limits.position):
+        return arm
+    root = ET.fromstring(arm.xml)
+    compiler = root.find("compiler")
+    degrees = compiler is None or compiler.get("angle", "degree") == "degree"
+    for joint in root.iter("joint"):
+        if joint.get("name") in arm.joint_names and joint.get("range"):
+            ends = limits[arm.joint_names.index(str(joint.get("name")))]
+            joint.set("range", numbers(np.degrees(ends) if degrees else ends))
+    return replace(
+        arm,
+        xml=ET.tostring(root, encoding="unicode"),
+        limits=replace(arm.limits, position=limits),
+    )
+
+
 def simulate_arm(
     arm: Arm, logs: Sequence[ServoLog], parameters: Array, load: Array, *, threads: int = 0
 ) -> list[Array]:
@@ -115,8 +139,8 @@ def simulate_arm(
     parts = segments(logs)
     out = [np.full_like(log.q, np.nan) for log in logs]
     offset = parameters[:, INDEX["offset"]]
+    arm = reaching(arm, logs, offset)
     sticking = build(arm, friction_of(arm, parameters, load), timestep=CONTROL_DT)
-    sticking.model.jnt_limited[:] = False  # a model may end before the robot's stops
     names = ("stiffness", "speed_limit", "torque_limit", "dead_zone")
     values = {name: np.minimum(parameters[:, INDEX[name]], FAR) for name in names}
     servos = PositionServos(delay=np.zeros(arm.n), **values)  # the commands are late already
@@ -205,3 +229,18 @@ def errors_of(
     """Return (n,) root mean square error of (R, n) angles over the rows that count [rad]."""
     error = rows(logs, [log.q for log in logs]) - angles
     return np.asarray(np.sqrt(np.nanmean(error[counts] ** 2, axis=0)))
+
+
+def check_model(
+    logs: Sequence[ServoLog], plain: Array, model: Array, fitted_rms: Array
+) -> ServoCheck:
+    """Return the errors of both models on logs that took no part.
+
+    ``plain`` and ``model`` are (R, n) angles of the nominal simulation and of the extended model
+    [rad]; ``fitted_rms`` (n,) is the held-out error where the model was fitted [rad].
+    """
+    before, after = errors_of(logs, plain), errors_of(logs, model)
+    worse = np.flatnonzero((after > WORSE * before) & (after > fitted_rms))
+    return ServoCheck(
+        nominal_rms=before, extended_rms=after, worse_joints=tuple(int(j) + 1 for j in worse)
+    )

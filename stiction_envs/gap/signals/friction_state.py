@@ -25,7 +25,7 @@ from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 Array = NDArray[np.float64]
 PRESLIDING_DISTANCE = 2e-4
 """Presliding distance of dry friction [rad]; assumed: 0.5 N·m on 2500 N·m/rad."""
-PRESLIDING_DISTANCES = (2e-6, 2e-5, 6e-5, 1.1e-4, 2e-4, 3.5e-4, 6e-4)
+PRESLIDING_DISTANCES = (2e-6, 2e-5, 6e-5, 2e-4, 6e-4)
 """Presliding distances, of which each joint's torque at reversals chooses one [rad]; assumed."""
 FALLING_SPEED = 0.1
 """Speed scale with which friction may fall in the fit of presliding distances [rad/s]; assumed."""

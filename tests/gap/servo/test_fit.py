@@ -9,7 +9,7 @@ import pytest
 from stiction_envs.gap.servo.causes import causes_of_joints
 from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.joint_search import JointFindings, JointProblem, judge
+from stiction_envs.gap.servo.joint_search import JointFindings, JointProblem, Question, judge
 from stiction_envs.gap.servo.questions import swing_at_rest
 from stiction_envs.gap.servo.servo_parameters import NAMES, InServo
 from tests.gap.servo.small_arm import motion, parameters
@@ -18,8 +18,8 @@ CAUSES = {name: cause for name, cause in causes_of_joints().items() if not cause
 ENCODER = 2 * np.pi / 4096
 
 
-def asked(log: JointMotion, candidates: Mapping[str, InServo] = CAUSES) -> JointProblem:
-    return JointProblem(
+def asked(log: JointMotion, candidates: Mapping[str, InServo] = CAUSES) -> Question:
+    return Question(
         motion=log,
         nominal=parameters(damping=1.0),
         always={"delay": 3e-3, "armature": 2e-3, "bristle": 0.5},
@@ -51,7 +51,7 @@ def _judged(log: JointMotion) -> JointFindings:
 def test_a_fit_recovers_what_made_a_log() -> None:
     truth = {"damping": 0.9, "stiction": 0.25, "delay": 0.012, "armature": 0.03}
     log = made(**truth)
-    problem = asked(log)
+    problem = JointProblem(asked(log))
     of = problem.coordinates(frozenset({"damping", "coulomb_friction", "delay", "armature"}))
     found = fit(log, problem.noise, of, parameters(damping=0.5, stiction=0.1)[None], 40)
     assert np.sqrt(np.mean(found.error**2)) < 0.4 * ENCODER  # rounding leaves 0.29

@@ -5,6 +5,7 @@ import pytest
 from scipy.signal import step
 
 from stiction_envs.gap.servo.joint import STEP, command_nodes
+from stiction_envs.gap.servo.questions import passed_speed
 from tests.gap.servo.small_arm import motion, parameters
 
 
@@ -102,3 +103,13 @@ def test_a_clock_that_jitters_does_not_make_a_joint_creep() -> None:
     # heavy friction of a light joint, whose bristle is as stiff as a step allows
     got = jitters.simulate(parameters(damping=0.5, stiction=0.8, bristle=2e-4)[None])[0]
     assert abs(got[-1] - got[1000]) < 1e-6  # 50 s
+
+
+@pytest.mark.parametrize("stiction", [0.0, 0.4])
+def test_the_speed_that_a_motion_shows_is_within_its_limit(stiction: float) -> None:
+    """A joint that stands behind its reference and catches up is no faster than that."""
+    command = 0.6 * np.sign(np.sin(2 * np.pi * 0.01 * np.arange(3000) / 4.0))
+    true = parameters(damping=0.5, stiction=stiction, drop=0.5, speed_limit=0.52)
+    m = motion(command)
+    shown = passed_speed(replace(m, q=m.simulate(true[None])[0]))
+    assert 0.4 < shown <= 0.52 * 1.001
