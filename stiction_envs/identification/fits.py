@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from stiction_envs.arrays import Array
 from stiction_envs.gap.causes import TOLERANCES, Cause, Shape
-from stiction_envs.gap.causes.base import THE_ARM, Prior
+from stiction_envs.gap.causes.base import THE_ARM, Prior, filtered_columns
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.friction.viscous_friction import ViscousFriction
@@ -233,7 +233,9 @@ def all_columns(predictor: TorquePredictor) -> Array:
     """Return (T, n, 10 n + k n) torque per parameter, as of `columns_of`."""
     data = predictor.data
     own = [
-        np.concatenate([cause.columns(data, j, ()) for j in range(data.n)], axis=1)
+        np.concatenate(
+            [x for j in range(data.n) for x in filtered_columns(cause, data, j, [()])], axis=1
+        )
         for cause in predictor.causes.values()
         if cause.acts_on != THE_ARM
     ]

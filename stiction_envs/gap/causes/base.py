@@ -19,7 +19,7 @@ instance. Nothing else names it:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -47,6 +47,8 @@ LINK, ALL_LINKS, GRAVITY, ZERO = "link", "all links", "gravity", "zero of a join
 """The same of the rigid arm; the small errors of all links are never named."""
 FRICTION, PLAIN = (DRY, DAMPING), (DRY, DAMPING, OFFSET, ROTOR)
 OF_ARM = (LINK, ALL_LINKS, GRAVITY, ZERO)
+AT_ONCE = 12
+"""Number of columns that pass the filter at once [-]: more take memory and save little time."""
 Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
 
@@ -143,6 +145,10 @@ class Cause:
     """Names of causes that a joint's model must have with this one."""
     resembles_delay: ClassVar[bool] = False
     """Whether a large delay that is not known yet may look like it."""
+    filtered: ClassVar[bool] = True
+    """Whether its columns are of signals that passed the filter; else they pass it afterwards."""
+    of_motion: ClassVar[bool] = False
+    """Whether its columns follow from the motion and presliding distances alone."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
     tell_apart: ClassVar[Mapping[str, str]] = {}
@@ -171,7 +177,8 @@ class Cause:
         """Return the torque per unit of each coefficient of a cause on a joint (from 0).
 
         (T, k) on this joint alone; (T, n, k) on all joints if they show it, and for the whole arm,
-        where ``joint`` is -1. Motions do not show a cause that lacks this method.
+        where ``joint`` is -1; with F rows along the reversal path where they are not `filtered`.
+        Motions do not show a cause that lacks this method.
         """
         raise NotImplementedError
 
@@ -297,6 +304,18 @@ def limits(cause: Cause, prior: Prior, data: Data) -> tuple[Array, Array]:
     return np.array(low), np.array(high)
 
 
+def filtered_columns(
+    cause: Cause, data: Data, joint: int, shapes: Sequence[Shape]
+) -> Iterator[Columns]:
+    """Yield the columns of a cause with each of several nonlinear parameters, filtered.
+
+    Several pass the filter at once, since that takes hardly longer than one.
+    """
+    for first in range(0, len(shapes), AT_ONCE):
+        each = [cause.columns(data, joint, x) for x in shapes[first : first + AT_ONCE]]
+        yield from each if cause.filtered else np.moveaxis(data.smooth(np.stack(each, -1)), -1, 0)
+
+
 def torque_of(cause: Cause, data: Data, part: Part) -> Array:
     """Return (T, n) what a part of a cause adds to the torque of a nominal model [N·m].
 
@@ -306,7 +325,7 @@ def torque_of(cause: Cause, data: Data, part: Part) -> Array:
     c, out = np.array(part.coefficients), np.zeros_like(data.q)
     if not np.isfinite(data.dt) and not cause.shown_at_rest:
         return out  # poses at rest do not show what friction holds
-    x = cause.columns(data, part.joint - 1, part.shape)
+    (x,) = filtered_columns(cause, data, part.joint - 1, [part.shape])
     if x.shape[-1] != len(c):
         raise StictionError(f"cause {cause.name}: {len(c)} coefficients: expected {x.shape[-1]}")
     if x.ndim == 3:

@@ -13,7 +13,7 @@ SLOPE = 1e-9
 assumed: rounding."""
 
 
-def solve(a: Array, b: Array, low: Array, high: Array) -> Array:
+def solve(a: Array, b: Array, low: Array, high: Array, free: Array) -> Array:
     """Return the coefficients c (P,) within bounds that minimise cᵀ a c − 2 cᵀ b.
 
     What leaves its bounds is held there, and what would come back most is let go, one at a time;
@@ -24,14 +24,15 @@ def solve(a: Array, b: Array, low: Array, high: Array) -> Array:
         a: (P, P), positive definite.
         b: (P,).
         low, high: (P,) bounds.
+        free: (P,) the coefficients without bounds.
     """
-    held, c = np.zeros(len(b), dtype=bool), np.zeros(len(b))
+    held, c = (free < low) | (free > high), np.clip(free, low, high)
     least = SLOPE * float(np.abs(b).max(initial=0.0))
     for _ in range(3 * len(b) + 1):
-        free = ~held
-        target = b[free] - a[np.ix_(free, held)] @ c[held]
-        if free.any():
-            _, c[free], _ = dposv(a[np.ix_(free, free)], target)
+        rest = ~held
+        target = b[rest] - a[np.ix_(rest, held)] @ c[held]
+        if rest.any():
+            _, c[rest], _ = dposv(a[np.ix_(rest, rest)], target)
         left = (c < low) | (c > high)
         if left.any():
             held |= left

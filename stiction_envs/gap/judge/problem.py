@@ -140,12 +140,13 @@ class Channel:
         self._summed = last
         self._whole.clear()
         for f, rows in enumerate(self._rows):
-            every = self._columns[:last, rows].astype(np.float64)
-            mine = every[first:] * self.weight[rows]
-            part = mine @ every.T
+            root = np.sqrt(self.weight[rows])
+            every = self._columns[:last, rows] * root
+            mine = every[first:]
+            part = mine @ every.T  # numpy computes one triangle where both are the same
             self.xx[f, first:last, :last] = part
             self.xx[f, :last, first:last] = part.T
-            self.xr[f, first:last] = mine @ self.residual[rows]
+            self.xr[f, first:last] = mine @ (root * self.residual[rows])
 
 
 @dataclass(eq=False)
@@ -175,6 +176,8 @@ class Problem:
         default_factory=dict
     )
     _sums: tuple[Array, Array, float] | None = None
+    _last: tuple[tuple[Term, ...], tuple[Array, Array, Array, Array]] | None = None
+    """The last model that was solved, and its solution."""
 
     # ---- terms -------------------------------------------------------------------------------
 
@@ -235,20 +238,24 @@ class Problem:
             self.inflation, self._sums = inflation, None
         if scales is not None:
             self.scales = scales
-        self._scores.clear()
-        self._fits.clear()
+        self._forget()
 
     def reweigh(self, weights: Array) -> None:
         """Take other weights (T, C) of the rows."""
         for weight, channel in zip(weights.T, self.channels, strict=True):
             channel.reweigh(weight)
         self._sums = None
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what was computed of models."""
         self._scores.clear()
         self._fits.clear()
+        self._last = None
 
     def without(self, fold: int) -> Self:
         """Return the problem without the rows of a fold; terms are shared."""
-        return replace(self, held_out=fold, _scores={}, _fits={}, _sums=None)
+        return replace(self, held_out=fold, _scores={}, _fits={}, _sums=None, _last=None)
 
     def only(self, terms: Sequence[Term]) -> Self:
         """Return a problem with the columns of some terms alone, to which others can be added."""
@@ -265,6 +272,7 @@ class Problem:
             _scores={},
             _fits={},
             _sums=None,
+            _last=None,
         )
         out.reweigh(np.stack([x.weight for x in self.channels], axis=1))
         return out
@@ -324,6 +332,8 @@ class Problem:
 
         Both are in units of the prior, with the gradient at zero and the coefficients' units.
         """
+        if self._last is not None and self._last[0] == tuple(terms):
+            return self._last[1]
         sd = self._spread(terms)
         xx, xr = self.sums_of(terms)
         a = xx * np.outer(sd, sd) + np.eye(len(sd))
@@ -335,8 +345,9 @@ class Problem:
         each = [self._bounds[t] for t in terms]
         low, high = (np.concatenate([x[k] for x in each] or [np.empty(0)]) / sd for k in (0, 1))
         if ((c < low) | (c > high)).any():
-            c = solve(a, b, low, high)
-        return root, b, c, sd
+            c = solve(a, b, low, high, c)
+        self._last = tuple(terms), (root, b, c, sd)
+        return self._last[1]
 
     def fit(self, terms: Sequence[Term]) -> Array:
         """Return (P,) the likeliest coefficients of a model within bounds; not to be changed."""
@@ -378,7 +389,8 @@ class Problem:
         key = tuple(named)
         if key not in self._scores:
             model = self.model(named)
-            root, b, c, _ = self._solved(model)
+            root, b, c, sd = self._solved(model)
+            self._fits[tuple(model)] = c * sd
             moved = root.T @ c
             gained = 2 * b @ c - moved @ moved
             volume = 2 * float(np.log(np.diag(root)).sum())

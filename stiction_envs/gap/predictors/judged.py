@@ -269,7 +269,7 @@ def _given(
         dry = [t for t in terms if own[t.cause].adds_to == DRY or t.cause == bristle]
         rest = np.sum([x for t, x in torques.items() if t not in dry], axis=0)
         data = data.with_presliding(presliding_distances(data.recording, data.residual - rest))
-    after = TorquePredictor(data, given, torques)
+    after = TorquePredictor(data, given, torques, predictor)
     level = data.friction.level.copy()
     for t, mine in shares.items():
         level[t.joint] += float(mine[0]) if own[t.cause].adds_to == DRY else 0.0
@@ -299,7 +299,7 @@ def sharpened(predictor: TorquePredictor, model: Model) -> Model:
         def moved(log: float, term: Term = term) -> Term:
             out = term._replace(shape=(float(np.exp(log)), *term.shape[1:]))
             if out not in alone.numbers:
-                predictor.add(alone, out._replace(part=PARTS[0]), 1)
+                predictor.add(alone, out._replace(part=PARTS[0]))
                 alone.odds[out] = problem.odds[term]
             return out
 
@@ -361,10 +361,8 @@ def draws(judged: Judged, count: int, seed: int) -> Draws:
     for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
         if not term.shape or not len(predictor.causes[term.cause].grid(predictor.data, term.joint)):
             continue
-        up, down = (
-            predictor.rows_of(term._replace(shape=(term.shape[0] * np.exp(x), *term.shape[1:])))
-            for x in (TANGENT, -TANGENT)
-        )
+        beside = [(term.shape[0] * np.exp(x), *term.shape[1:]) for x in (TANGENT, -TANGENT)]
+        up, down = predictor.rows_of([term._replace(shape=x) for x in beside])
         slope = {j: mine @ (up[j] - down[j])[: len(mine)] / (2 * TANGENT) for j in up}
         bent[i] = Term("tangent", i)
         free = np.full(1, np.inf)

@@ -11,7 +11,7 @@ observations share one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stiction_envs.gap.causes import Cause, Shape
-from stiction_envs.gap.causes.base import ALL_LINKS, ALL_OF_ONE, DRY, PLAIN, limits
+from stiction_envs.gap.causes.base import (
+    ALL_LINKS,
+    ALL_OF_ONE,
+    DRY,
+    PLAIN,
+    filtered_columns,
+    limits,
+)
 from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
@@ -69,7 +76,11 @@ class TorquePredictor:
     """(n,) r: number of observations of each joint that share an error of the model [-]."""
 
     def __init__(
-        self, data: Data, causes: Sequence[Cause], found: Mapping[Term, Array] | None = None
+        self,
+        data: Data,
+        causes: Sequence[Cause],
+        found: Mapping[Term, Array] | None = None,
+        before: TorquePredictor | None = None,
     ) -> None:
         """Compute all columns; nonlinear causes choose the parameters to try.
 
@@ -78,7 +89,10 @@ class TorquePredictor:
             causes: hypotheses, those with random effects among them.
             found: torque (T, n) of each term of an earlier model, in whose residual nonlinear
                 causes look for their parameters; None for none.
+            before: predictor of the same motion, whose columns are taken over where they are the
+                same; None for none.
         """
+        self._before = before
         self.data, self.causes, self._found = data, {c.name: c for c in causes}, found
         self.candidates: list[Term] = []
         self.volume = 0.0
@@ -94,6 +108,7 @@ class TorquePredictor:
         self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
         self.expect(self.problem, np.tile((SHARES[1], DELAYS[1]), (data.n, 1)))
         self._add_candidates()
+        self._before = None
 
     # ---- what no model has -------------------------------------------------------------------
 
@@ -189,7 +204,7 @@ class TorquePredictor:
         data = self.data
         for cause in self.causes.values():
             if cause.adds_to == ALL_LINKS:
-                size = self.rows_of(term := Term(cause.name, ARM, LINKS, small=True))
+                (size,) = self.rows_of([term := Term(cause.name, ARM, LINKS, small=True)])
                 sd = np.full(len(size[0]), cause.prior(data, ARM, ()).usual)
                 free = np.full(len(sd), np.inf)
                 self.problem.add(term, size, sd, (-free, free), 0.0)
@@ -212,18 +227,24 @@ class TorquePredictor:
 
     def offer(self, cause: Cause, joint: int, shapes: Sequence[Shape]) -> None:
         """Add a cause on a joint with several nonlinear parameters, unless they are there."""
-        for shape in shapes:
-            term = Term(cause.name, joint, tuple(float(x) for x in shape))
-            if term not in self.problem.numbers:
-                self.candidates += self.add(self.problem, term, len(shapes))
+        every = [Term(cause.name, joint, tuple(float(x) for x in shape)) for shape in shapes]
+        new = [t for t in dict.fromkeys(every) if t not in self.problem.numbers]
+        for term, columns in zip(new, self.rows_of(new), strict=True):
+            self.candidates += self._add(self.problem, term, columns, len(shapes))
 
-    def add(self, problem: Problem, term: Term, count: int) -> list[Term]:
-        """Add a term to a problem, one of ``count`` alike, with all sizes of its prior.
+    def add(self, problem: Problem, term: Term) -> None:
+        """Add a term to a problem."""
+        (columns,) = self.rows_of([term])
+        self._add(problem, term, columns, 1)
+
+    def _add(
+        self, problem: Problem, term: Term, columns: Mapping[int, NDArray[np.float32]], count: int
+    ) -> list[Term]:
+        """Add a term, one of ``count`` alike, to a problem with all sizes of its prior.
 
         Return the terms that were added; none where these data do not show the cause.
         """
         data, cause = self.data, self.causes[term.cause]
-        columns = self.rows_of(term)
         if not any(np.abs(x).max(initial=0.0) > 0 for x in columns.values()):
             return []
         k = len(next(iter(columns.values())))
@@ -264,11 +285,33 @@ class TorquePredictor:
             return list(range(self.data.n))
         return [term.joint]
 
-    def rows_of(self, term: Term) -> dict[int, NDArray[np.float32]]:
-        """Return the (k, T) columns of a term on each joint that it acts on."""
-        x = self.causes[term.cause].columns(self.data, term.joint, term.shape)
-        each = {term.joint: x} if x.ndim == 2 else {j: x[:, j] for j in range(self.data.n)}
-        return {j: np.ascontiguousarray(x.T, dtype=np.float32) for j, x in each.items()}
+    def rows_of(self, terms: Sequence[Term]) -> Iterator[dict[int, NDArray[np.float32]]]:
+        """Yield the (k, T) columns of each term of a cause on a joint, on all joints it acts on."""
+        if not terms:
+            return
+        cause, joint = self.causes[terms[0].cause], terms[0].joint
+        same = self._taken_over(cause, terms)
+        new = [t.shape for t in terms if t not in same]
+        made = filtered_columns(cause, self.data, joint, new)
+        for term in terms:
+            if term in same:
+                yield {joint: same[term]}
+                continue
+            x = next(made)
+            each = {joint: x} if x.ndim == 2 else {j: x[:, j] for j in range(self.data.n)}
+            yield {j: np.ascontiguousarray(x.T, dtype=np.float32) for j, x in each.items()}
+
+    def _taken_over(self, cause: Cause, terms: Sequence[Term]) -> dict[Term, NDArray[np.float32]]:
+        """Return the (k, T) columns of a cause on a joint that the predictor before has, too."""
+        before, joint = self._before, terms[0].joint
+        if before is None or not cause.of_motion:
+            return {}
+        then, now = (x.data.friction.presliding_distance[joint] for x in (before, self))
+        if then != now:
+            return {}
+        channel, numbers = before.problem.channels[joint], before.problem.numbers
+        have = [t for t in terms if t in numbers]
+        return {t: channel.columns[np.searchsorted(channel.at, numbers[t])] for t in have}
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the causes that a cause needs: none if the nominal model has friction."""

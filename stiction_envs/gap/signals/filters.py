@@ -64,17 +64,18 @@ def _both_ways(x: Array, sos: Array, steady: Array, pad: int) -> Array:
     for i in range(pad):
         y[i] = 2 * x[0] - x[pad - i]
         y[rows + pad + i] = 2 * x[rows - 1] - x[rows - 2 - i]
+    u, v = np.empty((2, len(sos), columns))
     for _ in range(2):
-        first = y[0].copy()
         for s in range(len(sos)):
-            b0, b1, b2, _a0, a1, a2 = sos[s]
-            u, v = steady[s, 0] * first, steady[s, 1] * first
-            for i in range(len(y)):
+            u[s], v[s] = steady[s, 0] * y[0], steady[s, 1] * y[0]
+        for i in range(len(y)):
+            for s in range(len(sos)):  # a section works on a row while the next waits for it
+                b0, b1, b2, _a0, a1, a2 = sos[s]
                 for c in range(columns):
                     x_in = y[i, c]
-                    out = b0 * x_in + u[c]
-                    u[c] = b1 * x_in - a1 * out + v[c]
-                    v[c] = b2 * x_in - a2 * out
+                    out = b0 * x_in + u[s, c]
+                    u[s, c] = b1 * x_in - a1 * out + v[s, c]
+                    v[s, c] = b2 * x_in - a2 * out
                     y[i, c] = out
         y = y[::-1].copy()
     return y[pad : pad + rows]

@@ -79,11 +79,11 @@ class Spectra:
             if len(t) < 2 * self.length:
                 continue
             used += len(t)
+            # Differences keep the strong slow motion from leaking into high frequencies.
+            q_rows, tau_rows = np.ascontiguousarray(q.T), np.ascontiguousarray(tau.T)
+            self.q += len(t) * self._welch(np.diff(q_rows, 2), 4)
+            self.tau += len(t) * self._welch(np.diff(tau_rows), 2)
             for j in range(self.n):
-                # Differences keep the strong slow motion from leaking into high frequencies.
-                bend = np.diff(q[:, j], 2)
-                self.q[:, j] += len(t) * self._welch(bend, 4)
-                self.tau[:, j] += len(t) * self._welch(np.diff(tau[:, j]), 2)
                 change = np.abs(np.diff(logs[k].tau[rows, j]))
                 change = change[change > 0]
                 if len(change):
@@ -154,12 +154,13 @@ class Spectra:
         return np.asarray(np.median(self.tau[top], axis=0) < 4 * rounding)
 
     def _welch(self, differences: Array, power: int) -> Array:
+        """Return (f, n) the spectrum of a signal whose differences (n, K) of an order are given."""
         # The median over windows ignores the few that hold a jump or a collision.
-        average = "median" if len(differences) >= 4 * self.length else "mean"
+        average = "median" if differences.shape[-1] >= 4 * self.length else "mean"
         spectrum = welch(differences, self.rate, nperseg=self.length, average=average)[1]
         gain = 2 * np.sin(np.pi * self.f / self.rate)
         gain[0] = gain[1]
-        return np.asarray(spectrum / gain**power)
+        return np.asarray(spectrum / gain**power).T
 
     def _accurate(self, joint: int, acceleration: float) -> float:
         """Return the cutoff [Hz] with the allowed noise of a joint's RMS acceleration [rad/s²]."""

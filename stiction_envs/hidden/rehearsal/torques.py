@@ -19,7 +19,7 @@ import numpy as np
 from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.gap.causes import Cause, cause_named
-from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
+from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM, filtered_columns
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, mass_matrices
@@ -168,7 +168,7 @@ class HiddenTorques:
         """Return (T, n) torque of a cause of sizes (n,) [N·m], and the parameter of each row."""
         if job.cause not in EFFECTS:  # of another package: linear, by its own columns
             cause, data = cause_named(job.cause), self.replay.data
-            columns = [cause.columns(data, j, ())[:, 0] for j in range(data.n)]
+            columns = [next(filtered_columns(cause, data, j, [()]))[:, 0] for j in range(data.n)]
             shown = {str(j + 1): float(size[j]) for j in np.flatnonzero(size)}
             return size * np.stack(columns, axis=1), shown
         effect, same = EFFECTS[job.cause], self.bare.rigid

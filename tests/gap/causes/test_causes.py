@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import CAUSES, Part, cause_named, parameter_units
-from stiction_envs.gap.causes.base import limits
+from stiction_envs.gap.causes.base import filtered_columns, limits
 from stiction_envs.gap.causes.body.bodies import changed_link, with_link
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -30,7 +30,7 @@ def data() -> Data:
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)
 def test_columns_bounds_values_and_view_fit_together(cause, data: Data) -> None:
     shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
-    columns = cause.columns(data, 3, shape)
+    (columns,) = filtered_columns(cause, data, 3, [shape])
     prior = cause.prior(data, 3, shape)
     (low, high), size = limits(cause, prior, data), prior.size
     assert np.all(size > 0)
@@ -193,7 +193,7 @@ def test_presliding_distances_without_load_grow_with_it() -> None:
     left = []
     for shape in (bent, (0.0, 0.0)):
         dry = level * data.smooth(data.dry_friction_ratio(joint))
-        found = dry + growth * cause.columns(data, joint, shape)[:, 0]
+        found = dry + growth * next(filtered_columns(cause, data, joint, [shape]))[:, 0]
         left.append(np.sqrt(np.mean(np.square(found - data.smooth(bristle)))))
     assert left[0] < 0.2 * left[1]
     assert left[0] < 0.02 * growth * np.abs(data.rigid[:, joint]).mean()

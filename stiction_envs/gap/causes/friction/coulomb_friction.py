@@ -17,6 +17,8 @@ class CoulombFriction(Cause):
 
     name: ClassVar[str] = "coulomb_friction"
     what: ClassVar[str] = "dry friction missing or wrong"
+    filtered: ClassVar[bool] = False
+    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, at several speeds"
     adds_to: ClassVar[str] = DRY
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)
@@ -41,7 +43,7 @@ class CoulombFriction(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
-        return data.smooth(data.dry_friction_ratio(joint))[:, None]
+        return data.dry_friction_ratio(joint)[:, None]
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise friction at rest and in motion."""

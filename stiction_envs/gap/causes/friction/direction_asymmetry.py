@@ -23,6 +23,8 @@ class DirectionAsymmetry(Cause):
 
     name: ClassVar[str] = "direction_asymmetry"
     what: ClassVar[str] = "dry friction differs by direction"
+    filtered: ClassVar[bool] = False
+    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "slow motion in both directions with long rests, against an offset"
     )
@@ -44,7 +46,7 @@ class DirectionAsymmetry(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return one while the joint moves."""
-        return data.smooth(data.growth(joint, data.side(joint)))[:, None]
+        return data.growth(joint, data.side(joint))[:, None]
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Split the levels of the friction tables by direction."""

@@ -21,6 +21,7 @@ class LoadDependentFriction(Cause):
 
     name: ClassVar[str] = "load_dependent_friction"
     what: ClassVar[str] = "friction grows with transmitted torque"
+    filtered: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "the same slow motion in poses of small and of large gravity torque"
     )
@@ -59,7 +60,7 @@ class LoadDependentFriction(Cause):
         """Return the load's size in the direction of motion."""
         ratio, mean = shape or (0.0, 0.0)
         more = data.growth(joint, np.abs(data.rigid[:, joint]) - mean, ratio)
-        return data.smooth(mean * data.dry_friction_ratio(joint) + more)[:, None]
+        return (mean * data.dry_friction_ratio(joint) + more)[:, None]
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return k over the level at the mean load [1/(N·m)], which bends the bristles."""

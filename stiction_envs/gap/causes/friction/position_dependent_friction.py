@@ -37,6 +37,8 @@ class PositionDependentFriction(Cause):
     name: ClassVar[str] = "position_dependent_friction"
     what: ClassVar[str] = "ripple with joint angle"
     is_linear: ClassVar[bool] = False
+    filtered: ClassVar[bool] = False
+    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "slow constant speed over a quarter turn or more, there and back"
     )
@@ -59,7 +61,7 @@ class PositionDependentFriction(Cause):
         wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         if len(shape) > 1:
             wave *= data.direction(joint)[:, None]
-        return data.smooth(wave)
+        return wave
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the periods per turn, whole numbers, that the residual shows best.

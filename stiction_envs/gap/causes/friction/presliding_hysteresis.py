@@ -42,6 +42,8 @@ class PreslidingHysteresis(Cause):
     what: ClassVar[str] = "friction lags reversals (bristle)"
     resembles_delay: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
+    filtered: ClassVar[bool] = False
+    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "many slow reversals of a few mrad to some tens of mrad"
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (Parameter("bristle_stiffness", "N·m/rad", 0.0),)
@@ -69,7 +71,7 @@ class PreslidingHysteresis(Cause):
         path, runs = data.reversal_path[:, [joint]], data.recording.path_runs
         distance = np.array([[shape[0]]])
         ratio = bristles(path, runs, distance)[:, 0, 0]
-        return data.smooth(ratio - data.dry_friction_ratio(joint))[:, None]
+        return (ratio - data.dry_friction_ratio(joint))[:, None]
 
     def grid(self, data: Data, joint: int) -> Array:
         """Return presliding distances d = F_c/σ0 [rad]."""

@@ -30,6 +30,8 @@ class StribeckFriction(Cause):
     name: ClassVar[str] = "stribeck_friction"
     what: ClassVar[str] = "extra friction near zero speed"
     is_linear: ClassVar[bool] = False
+    filtered: ClassVar[bool] = False
+    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (
@@ -61,7 +63,7 @@ class StribeckFriction(Cause):
         speed = data.recording.path_rate(data.reversal_path[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
         ratio = shape[1] if len(shape) > 1 else 0.0
-        return data.smooth(data.growth(joint, fade, ratio))[:, None]
+        return data.growth(joint, fade, ratio)[:, None]
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return v_s and ΔF over the level in motion, which bends the bristles further."""

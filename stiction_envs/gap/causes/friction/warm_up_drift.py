@@ -33,6 +33,8 @@ class WarmUpDrift(Cause):
 
     name: ClassVar[str] = "warm_up_drift"
     what: ClassVar[str] = "friction falls or rises with time or temperature"
+    filtered: ClassVar[bool] = False
+    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "the same motion repeated for tens of minutes, from cold, on one clock"
     )
@@ -52,7 +54,7 @@ class WarmUpDrift(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return time in the direction of motion."""
-        return data.smooth(data.growth(joint, _time(data, shape)))[:, None]
+        return data.growth(joint, _time(data, shape))[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return since when time may count; no choice where logs and sessions begin together."""

@@ -51,6 +51,7 @@ class JointElasticity(Cause):
     )
     parameters: ClassVar = (Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),)
     resembles_delay: ClassVar[bool] = True
+    filtered: ClassVar[bool] = False
     is_linear: ClassVar[bool] = False
     acts_on: ClassVar[str] = ALL_OF_ONE
 
@@ -65,7 +66,7 @@ class JointElasticity(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque of the link's deflection on all joints."""
         delta = deflection(data, joint, *shape)
-        return data.smooth(torque_of(data, joint, delta))[..., None]
+        return torque_of(data, joint, delta)[..., None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the stiffnesses [N·m/rad] and damping ratios that the residual shows best."""

@@ -20,6 +20,7 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording
 
 MOST_ORDER = 3
 """Largest number of harmonics of a turn to try. A fourth never predicted left-out angles
@@ -47,6 +48,7 @@ class PositionDependentTorque(Cause):
     )
     is_linear: ClassVar[bool] = False
     shown_at_rest: ClassVar[bool] = True
+    of_motion: ClassVar[bool] = True
     parameters: ClassVar = (
         Parameter("coefficients_nm", "N·m", size=7),
         Parameter("order", "1", size=0),
@@ -85,7 +87,7 @@ class PositionDependentTorque(Cause):
         self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
     ) -> bool:
         """Return whether harmonics do not cancel where the joint was, to be huge elsewhere."""
-        low, high = np.percentile(data.q[data.block >= 0, joint], [1, 99])
+        low, high = data.recording.derived(usual_angles)[:, joint]
         more = ASIDE * (high - low)
         seen, wider = np.linspace(low, high, 100), np.linspace(low - more, high + more, 200)
         most = BEYOND * np.ptp(series(coefficients, seen))
@@ -108,6 +110,11 @@ class PositionDependentTorque(Cause):
             draft.not_in_mjcf.append(
                 f"{self.name} of joint {j + 1}: constant beyond {low:.3g} to {high:.3g} rad"
             )
+
+
+def usual_angles(recording: Recording) -> Array:
+    """Return (2, n) angles below and above which a joint hardly ever was [rad]."""
+    return np.asarray(np.percentile(recording.q[recording.block >= 0], [1, 99], axis=0))
 
 
 def harmonics(q: Array, order: int) -> Array:
