@@ -59,15 +59,13 @@ class Channel:
         self.residual = residual
         self.weight = np.ones(len(residual))
         """(T,) one over the variance of each row."""
-        self._columns = np.empty((0, len(residual)), dtype=np.float32)
-        self.width = 0
-        """Number of columns P."""
+        self._blocks: dict[int, NDArray[np.floating]] = {}
         self.at = np.empty(0, dtype=np.int64)
         """(P,) number of each column's coefficient."""
         self.xx = np.empty((folds, 0, 0))
-        """(F, ≥ P, ≥ P) sums."""
+        """(F, P, P) sums of the first `_summed` columns."""
         self.xr = np.empty((folds, 0))
-        """(F, ≥ P) sums with the residual."""
+        """(F, P) sums with the residual."""
         self.rr = np.zeros(folds)
         """(F,) of the residual squared."""
         self.count = np.array([float(len(rows)) for rows in self._rows])
@@ -76,35 +74,25 @@ class Channel:
         self.reweigh(self.weight)
 
     @property
-    def columns(self) -> NDArray[np.float32]:
-        """(P, T) columns."""
-        return self._columns[: self.width]
+    def width(self) -> int:
+        """Number of columns P."""
+        return len(self.at)
+
+    def columns(self, at: Sequence[int] | Index) -> NDArray[np.floating]:
+        """Return the columns (k, T) that were added together for coefficients ``at`` (k,)."""
+        return self._blocks[int(at[0])]
 
     def only(self, numbers: Index) -> Channel:
         """Return the channel with the columns of some coefficients alone."""
-        out = copy.copy(self)
-        own = np.flatnonzero(np.isin(self.at, numbers))
-        out._columns, out.at, out.width = self._columns[own], self.at[own], len(own)
-        folds = len(self._rows)
-        out.xx, out.xr = np.empty((folds, len(own), len(own))), np.empty((folds, len(own)))
+        out, some = copy.copy(self), set(numbers.tolist())
+        out._blocks = {first: x for first, x in self._blocks.items() if first in some}
+        out.at = self.at[np.isin(self.at, numbers)]
         out._whole, out._summed = {}, 0
         return out
 
     def append(self, columns: NDArray[np.floating], at: Sequence[int]) -> None:
-        """Add columns (k, T) of coefficients ``at`` (k,)."""
-        before, after = self.width, self.width + len(columns)
-        if after > len(self._columns):
-            room = max(after, 2 * before, 64)
-            more = np.empty((room, self._columns.shape[1]), dtype=np.float32)
-            more[:before] = self.columns
-            self._columns = more
-            xx, xr = self.xx, self.xr
-            self.xx = np.zeros((len(xx), room, room))
-            self.xr = np.zeros((len(xr), room))
-            self.xx[:, :before, :before] = xx[:, :before, :before]
-            self.xr[:, :before] = xr[:, :before]
-        self._columns[before:after] = columns
-        self.width = after
+        """Add columns (k, T) of coefficients ``at`` (k,); they are not copied."""
+        self._blocks[int(at[0])] = columns
         self.at = np.append(self.at, np.asarray(at, dtype=np.int64))
 
     def reweigh(self, weight: Array) -> None:
@@ -118,8 +106,7 @@ class Channel:
         """Return XᵀWX (P, P), XᵀWr (P,) and rᵀWr over all folds but ``held_out`` (-1 for none)."""
         self._sum()
         if held_out not in self._whole:
-            p = self.width
-            each = self.xx[:, :p, :p], self.xr[:, :p], self.rr
+            each = self.xx, self.xr, self.rr
             xx, xr, rr = (x.sum(axis=0) for x in each)
             if held_out >= 0:
                 xx, xr, rr = xx - each[0][held_out], xr - each[1][held_out], rr - each[2][held_out]
@@ -129,8 +116,7 @@ class Channel:
     def of_fold(self, fold: int) -> tuple[Array, Array, float]:
         """Return XᵀWX (P, P), XᵀWr (P,) and rᵀWr over one fold."""
         self._sum()
-        p = self.width
-        return self.xx[fold, :p, :p], self.xr[fold, :p], float(self.rr[fold])
+        return self.xx[fold], self.xr[fold], float(self.rr[fold])
 
     def _sum(self) -> None:
         """Compute the sums of the columns that were added since the last time."""
@@ -139,9 +125,15 @@ class Channel:
             return
         self._summed = last
         self._whole.clear()
+        xx, xr = self.xx[:, :first, :first], self.xr[:, :first]
+        self.xx, self.xr = np.empty((len(xx), last, last)), np.empty((len(xr), last))
+        self.xx[:, :first, :first], self.xr[:, :first] = xx, xr
         for f, rows in enumerate(self._rows):
-            root = np.sqrt(self.weight[rows])
-            every = self._columns[:last, rows] * root
+            root, every, start = np.sqrt(self.weight[rows]), np.empty((last, len(rows))), 0
+            for block in self._blocks.values():
+                end = start + len(block)
+                np.multiply(block[:, rows], root, out=every[start:end])
+                start = end
             mine = every[first:]
             part = mine @ every.T  # numpy computes one triangle where both are the same
             self.xx[f, first:last, :last] = part

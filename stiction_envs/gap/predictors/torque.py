@@ -108,7 +108,7 @@ class TorquePredictor:
         self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
         self.expect(self.problem, np.tile((SHARES[1], DELAYS[1]), (data.n, 1)))
         self._add_candidates()
-        self._before = None
+        self._found = self._before = None
 
     # ---- what no model has -------------------------------------------------------------------
 
@@ -311,7 +311,7 @@ class TorquePredictor:
             return {}
         channel, numbers = before.problem.channels[joint], before.problem.numbers
         have = [t for t in terms if t in numbers]
-        return {t: channel.columns[np.searchsorted(channel.at, numbers[t])] for t in have}
+        return {t: channel.columns(numbers[t]) for t in have}
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the causes that a cause needs: none if the nominal model has friction."""
@@ -337,9 +337,8 @@ class TorquePredictor:
 
     def columns(self, term: Term, joint: int) -> Array:
         """Return the (T, k) columns of a term on a joint."""
-        channel, numbers = self.problem.channels[joint], self.problem.numbers[term]
-        local = np.searchsorted(channel.at, numbers)  # coefficients were numbered as they came
-        return channel.columns[local].T.astype(np.float64)
+        columns = self.problem.channels[joint].columns(self.problem.numbers[term])
+        return columns.T.astype(np.float64)
 
     def part(self, term: Term, joint: int, mine: Array) -> Array:
         """Return (T,) torque of a term on a joint with its coefficients [N·m]."""

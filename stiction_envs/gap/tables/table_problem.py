@@ -52,7 +52,7 @@ class Cells(Channel):
         if held_out not in self._normal:
             xx, xr, rr = self.sums(held_out)
             whole = np.block([[xx, xr[:, None]], [xr[None], np.array([[rr]])]])
-            y = np.vstack([self.columns, self.residual])
+            y = np.vstack([*self._blocks.values(), self.residual])
             total = np.stack([y[:, rows].sum(axis=1) for rows in self._rows])
             share = self._share * (np.arange(len(total)) != held_out)
             common = np.einsum("gf,fp,fq->gpq", share, total, total, optimize=True)
@@ -71,7 +71,9 @@ class TableProblem(Problem):
 
     def on(self, channels: Sequence[Cells], sizes: tuple[int, ...] = ()) -> TableProblem:
         """Return the same terms on other channels."""
-        return replace(self, channels=list(channels), sizes=sizes, _scores={}, _fits={}, _known={})
+        return replace(
+            self, channels=list(channels), sizes=sizes, _scores={}, _fits={}, _known={}, _last=None
+        )
 
     def take(self, channels: Sequence[Cells]) -> None:
         """Take other columns of the same terms."""
