@@ -177,12 +177,11 @@ def gains(predictor: TorquePredictor, terms: Sequence[Term], c: Array) -> Array:
 
 
 def _first(predictor: TorquePredictor) -> Model:
-    """Return the best model from several starts."""
+    """Return the best model that searches with small errors of several sizes reach."""
     problem, found = predictor.problem, list[Model]()
     for size in STARTS[1:] if predictor.links_known else STARTS:
-        for start in ([], plain_friction(predictor)):
-            problem.given(np.full(predictor.data.n, predictor.rows), (size, size))
-            found.append(_freed(predictor, start))
+        problem.given(np.full(predictor.data.n, predictor.rows), (size, size))
+        found.append(_freed(predictor, plain_friction(predictor)))
     best = max(found, key=lambda m: m.evidence)
     problem.given(best.inflation, best.scales)
     return climbed(predictor, search_of(predictor), best.terms)
