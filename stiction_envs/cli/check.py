@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     folder = None
     if args.out is not None:
         inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
-        inputs |= log_options.calibration_input(args)
+        inputs["calibration"] = args.calibration
         folder = common.output_folder(args, "", inputs)
     result = check(
         *args.files,

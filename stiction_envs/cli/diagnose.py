@@ -102,17 +102,15 @@ def run(args: argparse.Namespace) -> common.Answer:
     return common.Answer(result=result, out=folder.path, more=more, files="report.html")
 
 
-def _inputs(args: argparse.Namespace) -> dict[str, Path]:
+def _inputs(args: argparse.Namespace) -> dict[str, Path | None]:
     """Return the input files of the run; set the default nominal model."""
     from stiction_envs.gap.diagnose import default_nominal
     from stiction_envs.robots.registry import robot_files
 
-    logs = log_options.log_inputs("log", [*args.logs, *args.poses])
-    logs |= log_options.log_inputs("check", args.check)
     if args.nominal is None:
         args.nominal = default_nominal(args.logs, args.robot, args.chain)
-    files = {**robot_files(args.robot), "nominal": Path(args.nominal)}
-    return log_options.calibration_input(args) | logs | files
+    files = log_options.log_inputs(args) | robot_files(args.robot)
+    return {**files, "nominal": Path(args.nominal)}
 
 
 def _options(args: argparse.Namespace) -> LogOptions:

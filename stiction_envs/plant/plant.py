@@ -258,10 +258,8 @@ class Plant:
                 block * self._substeps, control=part, record=("qpos",), ids=ids
             )["qpos"]
             qpos = qpos[:, self._substeps - 1 :: self._substeps]
-            if joint is None:
-                out[:, k : k + block] = s.link_position(qpos)
-            else:
-                out[:, k : k + block] = s.one_link_position(qpos, joint)
+            q = s.link_position(qpos)
+            out[:, k : k + block] = q if joint is None else q[np.arange(m), :, joint]
             self.arrays.steps[ids] += block
             k += block
         raise_if_stopped(self.batch)

@@ -160,7 +160,7 @@ BAD = {
     },
     "identify": {
         "missing.csv --robot panda": "missing.csv: no such file",
-        ". --robot panda": ".: a directory: expected a log file, or a folder of ROS 2",
+        ". --robot panda": "or a folder of ROS 2, lerobot or SAGE",
         "{log.csv} --robot panda": "log.csv: columns for 2 joints",
         "{log.csv} --robot ur5": ROBOTS,
         "{log.csv} --robot {two.xml} --cutoff 0": "above 0",
