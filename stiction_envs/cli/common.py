@@ -292,7 +292,7 @@ def arm_name(args: argparse.Namespace) -> str:
 def output_folder(
     args: argparse.Namespace,
     name: str | Path,
-    inputs: Mapping[str, Path | None],
+    inputs: Mapping[str, Path | None] | None = None,
     *,
     resumable: bool = False,
 ) -> OutputFolder:
@@ -301,14 +301,15 @@ def output_folder(
     Args:
         args: of the command.
         name: part of the default folder's name.
-        inputs: files by the name of their argument; None and missing files are left out.
+        inputs: files by the name of their argument, without those that are None or missing; not
+            needed where the result has its own provenance.
         resumable: whether the same run may be continued in its folder.
     """
     from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 
     return OutputFolder(
         args.out or default_folder(args.command, name),
-        run_provenance(args, inputs),
+        run_provenance(args, inputs or {}),
         force=args.force,
         resumable=resumable,
     )

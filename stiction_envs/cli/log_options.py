@@ -81,11 +81,3 @@ def reading(args: argparse.Namespace) -> Reading:
     from stiction_envs.measured.logs.joint_names import Reading
 
     return cast("Reading", {name: getattr(args, name) for name in Reading.__annotations__})
-
-
-def log_inputs(args: argparse.Namespace) -> dict[str, Path | None]:
-    """Return the files of `add_log_options`, poses and check logs by the names of inputs."""
-    poses, check = getattr(args, "poses", []), getattr(args, "check", [])
-    found = {f"log{k}": path for k, path in enumerate([*args.logs, *poses], 1)}
-    found |= {f"check{k}": path for k, path in enumerate(check, 1)}
-    return {**found, "calibration": args.calibration}

@@ -240,7 +240,9 @@ def _read(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
             assumed = f"; in the order of joints 1 to {n} (assumed)"
             notes.append(text + assumed * (not (iiwa or other.joints)))
     if others and not keep.any():
-        raise StictionError(f"{where}: no state has {' and '.join(others)} beside it: expected some")
+        raise StictionError(
+            f"{where}: no state has {' and '.join(others)} beside it: expected some"
+        )
     states.keep(keep)
     log = _log(where, states, wanted, iiwa.get("tau", kind.torque))
     for text in notes:
