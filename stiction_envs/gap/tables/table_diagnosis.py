@@ -31,7 +31,7 @@ from stiction_envs.gap.judge.judgement import (
 from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
 from stiction_envs.gap.tables.data import Effect, TableData, WholeArm
-from stiction_envs.gap.tables.table_search import Judge, TableFit, WeighedEffect
+from stiction_envs.gap.tables.table_search import Judge, TableFit, Weighed
 from stiction_envs.measured.tables import SJERow
 from stiction_envs.reporting.markdown import joints as named
 
@@ -142,21 +142,21 @@ def diagnose_tables(
 
 
 def _named(
-    judge: Judge, best: TableFit, c: WeighedEffect, before: Array, after: Array
+    judge: Judge, best: TableFit, weighed: Weighed, before: Array, after: Array
 ) -> NamedCause:
     """Return a cause with its values, evidence and rivals."""
-    name, joints = c.effects[0].cause, c.effects[0].joints
-    rivals = [(n, best.score - f.score) for n, f in c.rivals.items()]
-    nearest = sorted(rivals, key=lambda x: x[1])
+    effects, without, rivals = weighed
+    name, joints = effects[0].cause, effects[0].joints
+    nearest = sorted(((n, best.score - f.score) for n, f in rivals.items()), key=lambda x: x[1])
     confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
     return NamedCause(
         name=name,
         joints=joints,
-        parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, c.effects)},
-        gain_percent=percent_lost(_errors(judge, c.without), after, before),
-        nats=best.score - c.without.score,
+        parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, effects)},
+        gain_percent=percent_lost(_errors(judge, without), after, before),
+        nats=best.score - without.score,
         rivals=tuple(nearest),
-        evidence=_evidence(judge, best, c.without, c.effects),
+        evidence=_evidence(judge, best, without, effects),
         confused_with=tuple(confused),
         told_apart_by={n: what_tells_apart(name, n) for n in confused},
     )
