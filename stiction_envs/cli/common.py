@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from stiction_envs.errors import ExperimentError, StictionError
 
@@ -25,18 +25,12 @@ IDEAL = "ideal"
 """Default of the option ``--sensing``."""
 
 
-class Printed(Protocol):
-    """Result that prints itself as text, and has JSON values."""
-
-    def to_json(self) -> Mapping[str, object]:
-        """Return the JSON values."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Answer:
     """Output of a command, which the dispatcher prints as text or as JSON."""
 
-    result: Printed | None = None
+    result: Any = None
+    """Result, which prints itself as text and has ``to_json()``."""
     out: Path | None = None
     """Folder or file of the result."""
     files: str = ""
