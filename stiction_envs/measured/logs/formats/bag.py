@@ -4,8 +4,18 @@ Read with `rosbags`, which needs no ROS. One topic is read: the only one with st
 joints and torques, or the one asked for. Messages with none of the arm's joints (a gripper that
 publishes to the same topic) are left out. A message with only some of them is an error: the
 others are then unknown. Commanded positions are those of a trajectory controller's state, else of
-a topic of commands beside the states, and hold until the next one. Bags of iiwa_stack have a topic
-for each quantity (`iiwa_stack`).
+a topic of commands beside the states, and hold until the next one. Bags of iiwa_stack (ROS 1) have
+a topic for each quantity; torques and speeds with other stamps are interpolated, but not over a
+gap:
+
+| topic | becomes |
+|---|---|
+| ``NAME/state/JointPosition`` (``iiwa_msgs/JointPosition``) | ``q``, and the time of the rows |
+| ``NAME/state/JointTorque``, ``NAME/state/JointVelocity`` | ``tau`` behind the gear, ``dq`` |
+| ``NAME/command/JointPosition`` | ``q_cmd`` |
+
+``ExternalJointTorque`` is what the controller makes of torques and model, and is not read.
+Source: IFL-CAMP/iiwa_stack, iiwa_msgs/msg, iiwa_ros/src/state.
 """
 
 from __future__ import annotations
@@ -25,7 +35,6 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.formats import iiwa_stack
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size, held
 from stiction_envs.measured.logs.formats.messages import (
     BY_TYPE,
@@ -47,6 +56,10 @@ _PEEK = 1000  # messages that show who publishes to a topic; assumed
 MOST_REASON = 200  # most characters of another library's message, cut between words; assumed
 MOST_STEPS = 5.0  # torques further apart than this many usual steps are a gap; assumed
 _NS = 10**9
+_IIWA_TOPICS = {
+    "/state/Joint": {"Position": "q", "Torque": "tau", "Velocity": "dq"},
+    "/command/Joint": {"Position": "q_cmd"},
+}
 
 
 class RosBag(LogFormat):
@@ -97,13 +110,26 @@ class _Stream:
 
 def _iiwa_stack(where: str, reader: AnyReader, naming: Naming) -> dict[str, str]:
     """Return the topics of iiwa_stack's arm, by channel; none where other states are there."""
-    types = {c.topic: str(c.msgtype) for c in reader.connections if c.msgcount}
-    found = iiwa_stack.arms(types)
-    if not found or any(c.msgtype in BY_TYPE and c.msgcount for c in reader.connections):
-        asked = {t for topics in found.values() for t in topics.values()}
-        if naming.topic not in asked:
-            return {}
-    return iiwa_stack.arm_of(where, found, naming.topic)
+    arms: dict[str, dict[str, str]] = {}
+    filled = [c for c in reader.connections if c.msgcount]
+    for c in filled:
+        quantity = str(c.msgtype).removeprefix("iiwa_msgs/msg/Joint")
+        for part, channels in _IIWA_TOPICS.items():
+            name, _, end = c.topic.partition(part)
+            if quantity in channels and end == quantity:
+                arms.setdefault(name, {})[channels[quantity]] = c.topic
+    arms = {name: topics for name, topics in arms.items() if "q" in topics}
+    for topics in arms.values():
+        if naming.topic in topics.values():
+            return topics
+    if naming.topic is not None or any(c.msgtype in BY_TYPE for c in filled):
+        return {}
+    if len(arms) > 1:
+        states = ", ".join(topics["q"] for topics in arms.values())
+        raise StictionError(
+            f"{where}: several arms: {states}: expected one; name a topic of the arm"
+        )
+    return next(iter(arms.values()), {})
 
 
 @contextmanager
