@@ -197,18 +197,13 @@ def _topic(
     where: str, reader: AnyReader, n_joints: int | None, naming: Naming, drive: str = TORQUE
 ) -> tuple[str, Kind]:
     """Return the topic with the arm's states: where torque drives, with torques."""
-    types = {c.topic: c.msgtype for c in reader.connections}
+    types = {c.topic: str(c.msgtype) for c in reader.connections}
     known = {k: BY_TYPE[v] for k, v in types.items() if v in BY_TYPE}
-    counts = {k: sum(c.msgcount for c in reader.connections if c.topic == k) for k in known}
     if naming.topic is not None:
         if naming.topic not in types:
             raise StictionError(f"{where}: {unknown('topic', naming.topic, known or types)}")
-        if naming.topic not in known:
-            raise StictionError(
-                f"{where}, {naming.topic}: holds {types[naming.topic]}: expected one of "
-                f"{', '.join(BY_TYPE)}"
-            )
-        known = {naming.topic: known[naming.topic]}
+        types = {naming.topic: types[naming.topic]}
+        known = {k: v for k, v in known.items() if k in types}
     if not known:
         shown = ", ".join(f"{k} ({v})" for k, v in islice(types.items(), 5)) or "none"
         more = f" and {len(types) - 5} more" if len(types) > 5 else ""
@@ -222,11 +217,12 @@ def _topic(
                 f"{where}, {topic}: the bag does not describe {types[topic]}: expected one of "
                 "sensor_msgs/msg/JointState, or a bag recorded with ROS 2 Iron or later"
             )
-    filled = {k: v for k, v in known.items() if counts[k]}
+    said = {c.topic for c in reader.connections if c.msgcount}
+    filled = {k: v for k, v in known.items() if k in said}
     if not filled:
         raise StictionError(f"{where}, {next(iter(known))}: no messages: expected one second")
     for prefer in (
-        {k for k in filled if not is_command(k, str(types[k]))},
+        {k for k in filled if not is_command(k, types[k])},
         {k for k, v in filled.items() if bool(v.q_cmd) == (drive == POSITION)},
     ):
         filled = {k: v for k, v in filled.items() if k in prefer} or filled
