@@ -50,8 +50,6 @@ from stiction_envs.measured.logs.joint_names import Naming, find_joints
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-METADATA = "metadata.yaml"
-"""In every folder that ROS 2 records into."""
 _PEEK = 1000  # messages that show who publishes to a topic; assumed
 MOST_REASON = 200  # most characters of another library's message, cut between words; assumed
 MOST_STEPS = 5.0  # torques further apart than this many usual steps are a gap; assumed
@@ -66,10 +64,7 @@ class RosBag(LogFormat):
     """A recording of ROS."""
 
     ends: ClassVar = (".bag", ".mcap", ".db3")
-
-    def matches_folder(self, path: Path) -> bool:
-        """Return whether ROS 2 recorded into it."""
-        return (path / METADATA).is_file()
+    inside: ClassVar = ("metadata.yaml",)
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         with _open(where) as reader:

@@ -41,11 +41,8 @@ class SageFolder(LogFormat):
     """Folder that SAGE's collectors write for one motion."""
 
     ends: ClassVar = ()
+    inside: ClassVar = (COMMANDS, STATES)
     has_units: ClassVar = True
-
-    def matches_folder(self, path: Path) -> bool:
-        """Return whether both files are in it."""
-        return (path / COMMANDS).is_file() and (path / STATES).is_file()
 
     def names(self, where: str, naming: Naming) -> list[str]:
         states = _table(Path(where, STATES))
