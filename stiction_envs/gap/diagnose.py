@@ -208,7 +208,7 @@ class Request:
     def origin(self, arm: Arm, side: str) -> Origin:
         """Return the origin of a result whose torques are of a ``side`` of the gear."""
         nominal, calibration = self.nominal, self.options["calibration"]
-        sources = log_sources([*self.logs, *self.poses]) | log_sources(self.check, "check")
+        sources = log_sources([*self.logs, *self.poses], self.check)
         arguments: dict[str, object] = {
             **{k: x for k, x in self.options.items() if k not in ("seed", "cutoff_hz")},
             "logs": [_name(x) for x in self.logs],
