@@ -68,49 +68,44 @@ def _breakaway(columns: Array, threshold: float, steps: int, hold: int) -> Array
     """Return `breakaway` of (C, fields) parameters, in the order of `LoneJoints`."""
     out = np.full(len(columns), np.nan)
     for i in range(len(columns)):
-        out[i] = _ramp(columns[i], threshold, steps, hold)
+        c = columns[i]
+        stiction, coulomb_ratio, stribeck_velocity, stiffness, damping, viscous = c[:6]
+        rotor, spring, spring_damping, link, amplitude, frequency, rate = c[6:13]
+        lowpass_hz, torque_rate = c[13:]
+        elastic = np.isfinite(spring)
+        gain = CONTROL_DT / (CONTROL_DT + 1 / (2 * np.pi * lowpass_hz))
+        most = torque_rate * CONTROL_DT
+        coulomb = stiction * coulomb_ratio
+        drop = stiction - coulomb
+        # a rigid joint is a rotor that carries the link
+        per_inertia = CONTROL_DT / (rotor if elastic else rotor + link)
+        per_link = CONTROL_DT / link
+        # rotor, link: angle and speed; bristle; filtered and rate-limited command
+        theta, w, q, v, z, y, x = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        # Ramps start at zero: under dither a joint creeps from the first second, far below
+        # breakaway, and a later start would change the result by up to 17 %.
+        for k in range(steps):
+            if k % hold == 0:
+                t = k * CONTROL_DT
+                ramp = rate * t
+                u = ramp + amplitude * np.sin(2 * np.pi * frequency * t)
+            x += max(-most, min(most, u - x))
+            y += gain * (x - y)
+            # g(ω), level of steady sliding
+            g = coulomb + drop * np.exp(-((w / stribeck_velocity) ** 2))
+            # a: decay rate of the bristle times h; a floor far below any effect avoids 0/0
+            a = max(abs(w) * stiffness * CONTROL_DT / g, 1e-15)
+            push = y - stiffness * z + damping * (a / CONTROL_DT * z - w) - viscous * w
+            z = bristle_after(z, w, a, CONTROL_DT)
+            if elastic:
+                pull = spring * (theta - q) + spring_damping * (w - v)
+                push -= pull
+                v += per_link * pull
+            w += per_inertia * push
+            theta += CONTROL_DT * w
+            if elastic:
+                q += CONTROL_DT * v
+            if (q if elastic else theta) >= threshold:
+                out[i] = ramp
+                break
     return out
-
-
-@compiled
-def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
-    """Return the torque at which one joint has moved; NaN if never [N·m]."""
-    stiction, coulomb_ratio, stribeck_velocity, stiffness, damping, viscous = c[:6]
-    rotor, spring, spring_damping, link, amplitude, frequency, rate = c[6:13]
-    lowpass_hz, torque_rate = c[13:]
-    elastic = np.isfinite(spring)
-    gain = CONTROL_DT / (CONTROL_DT + 1 / (2 * np.pi * lowpass_hz))
-    most = torque_rate * CONTROL_DT
-    coulomb = stiction * coulomb_ratio
-    drop = stiction - coulomb
-    # a rigid joint is a rotor that carries the link
-    per_inertia = CONTROL_DT / (rotor if elastic else rotor + link)
-    per_link = CONTROL_DT / link
-    # rotor, link: angle and speed; bristle; filtered and rate-limited command
-    theta, w, q, v, z, y, x = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # Ramps start at zero: under dither a joint creeps from the first second, far below breakaway,
-    # and a later start would change the result by up to 17 %.
-    for k in range(steps):
-        if k % hold == 0:
-            t = k * CONTROL_DT
-            ramp = rate * t
-            u = ramp + amplitude * np.sin(2 * np.pi * frequency * t)
-        x += max(-most, min(most, u - x))
-        y += gain * (x - y)
-        # g(ω), level of steady sliding
-        g = coulomb + drop * np.exp(-((w / stribeck_velocity) ** 2))
-        # a: decay rate of the bristle times h; a floor far below any effect avoids 0/0
-        a = max(abs(w) * stiffness * CONTROL_DT / g, 1e-15)
-        push = y - stiffness * z + damping * (a / CONTROL_DT * z - w) - viscous * w
-        z = bristle_after(z, w, a, CONTROL_DT)
-        if elastic:
-            pull = spring * (theta - q) + spring_damping * (w - v)
-            push -= pull
-            v += per_link * pull
-        w += per_inertia * push
-        theta += CONTROL_DT * w
-        if elastic:
-            q += CONTROL_DT * v
-        if (q if elastic else theta) >= threshold:
-            return ramp
-    return np.nan
