@@ -112,13 +112,8 @@ def test_a_diagnosis_saves_what_the_command_writes(place, diagnosed, capsys):
     assert capsys.readouterr().out.startswith(str(diagnosed))
     assert files(out) == files(place / "why")
     assert set(files(out)) >= WRITTEN
-    ours, theirs = (
-        json.loads((place / name / "provenance.json").read_text()) for name in ("why", "command")
-    )
-    assert all(ours[k] == theirs[k] for k in ("command", "seed", "inputs", "versions", "files"))
-    both = ours["arguments"].keys() & theirs["arguments"].keys()
-    assert len(both) > 10
-    assert {k: ours["arguments"][k] for k in both} == {k: theirs["arguments"][k] for k in both}
+    made = [(x / "provenance.json").read_text() for x in (out, place / "why")]
+    assert made[0] == made[1]
 
 
 def test_an_experiment_takes_a_diagnosed_arm_with_its_friction(arm, base, place):

@@ -40,11 +40,8 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     if args.robot is None and (args.payload or args.tilt):
         raise StictionError("--payload, --tilt: of no robot: expected --robot too")
-    folder = None
     if args.out is not None:
-        inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
-        inputs |= log_options.calibration_input(args)
-        folder = common.output_folder(args, "", inputs)
+        common.output_folder(args, "")
     result = check(
         *args.files,
         robot=args.robot,
@@ -68,9 +65,9 @@ def run(args: argparse.Namespace) -> common.Answer:
                 continue
             remarks += [Finding(log.source, "", *x) for x in pages[-1].findings]
         result = replace(result, findings=(*result.findings, *remarks))
-    if folder is not None:
-        with common.working(), folder:
-            result.write(folder.path)
+    if args.out is not None:
+        with common.working():
+            result.save(args.out, force=args.force)
     count = len(result.defects)
     failed = f"{count} defect{'s' * (count > 1)} found" if count else None
     more = {"logs": [asdict(page) for page in pages], "failed": failed}

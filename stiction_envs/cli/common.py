@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from stiction_envs.errors import ExperimentError, StictionError
 
@@ -25,18 +25,12 @@ IDEAL = "ideal"
 """Default of the option ``--sensing``."""
 
 
-class Printed(Protocol):
-    """Result that prints itself as text, and has JSON values."""
-
-    def to_json(self) -> Mapping[str, object]:
-        """Return the JSON values."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Answer:
     """Output of a command, which the dispatcher prints as text or as JSON."""
 
-    result: Printed | None = None
+    result: Any = None
+    """Result, which prints itself as text and has ``to_json()``."""
     out: Path | None = None
     """Folder or file of the result."""
     files: str = ""
@@ -292,7 +286,7 @@ def arm_name(args: argparse.Namespace) -> str:
 def output_folder(
     args: argparse.Namespace,
     name: str | Path,
-    inputs: Mapping[str, Path | None],
+    inputs: Mapping[str, Path | None] | None = None,
     *,
     resumable: bool = False,
 ) -> OutputFolder:
@@ -301,14 +295,15 @@ def output_folder(
     Args:
         args: of the command.
         name: part of the default folder's name.
-        inputs: files by the name of their argument; None and missing files are left out.
+        inputs: files by the name of their argument, without those that are None or missing; not
+            needed where the result has its own provenance.
         resumable: whether the same run may be continued in its folder.
     """
     from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 
     return OutputFolder(
         args.out or default_folder(args.command, name),
-        run_provenance(args, inputs),
+        run_provenance(args, inputs or {}),
         force=args.force,
         resumable=resumable,
     )

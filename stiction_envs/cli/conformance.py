@@ -41,9 +41,8 @@ def add_options(parser: common.Parser) -> None:
 def run(args: argparse.Namespace) -> common.Answer:
     """Test; write ``conformance.csv`` and provenance."""
     from stiction_envs.experiments.conformance import conformance
-    from stiction_envs.robots.registry import robot_files
 
-    folder = common.output_folder(args, common.arm_name(args), robot_files(args.robot))
+    place = common.output_folder(args, common.arm_name(args)).path
     with Progress("tests") as progress:
         result = conformance(
             args.robot,
@@ -53,11 +52,11 @@ def run(args: argparse.Namespace) -> common.Answer:
             threads=args.threads,
             progress=lambda k, n: progress.set("conformance", k, n),
         )
-    with common.working(), folder:
-        result.write(folder.path)
+    with common.working():
+        result.save(place, force=args.force)
     stuck = [j.name for j in result.joints if not j.passed]
     failed = f"does not stick as it should: {', '.join(stuck)}" if stuck else None
     if result.refused:
         failed = f"{result.engine} refused: {result.refused}"
     more = {"robot": args.robot, "failed": failed}
-    return common.Answer(result=result, out=folder.path, more=more, files="conformance.csv")
+    return common.Answer(result=result, out=place, more=more, files="conformance.csv")

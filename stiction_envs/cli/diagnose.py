@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from stiction_envs.cli import common, log_options
@@ -82,8 +81,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         raise StictionError("--rehearse-causes: expected --rehearse too")
     from stiction_envs.gap.diagnose import Stages, diagnose
 
-    inputs = _inputs(args)
-    folder = common.output_folder(args, common.arm_name(args), inputs)
+    place = common.output_folder(args, common.arm_name(args)).path
     with Progress() as progress:
         say = Stages(progress.whole, check=bool(args.check))
         # an error up to here is one of the data: bad input
@@ -96,23 +94,11 @@ def run(args: argparse.Namespace) -> common.Answer:
             threads=args.threads,
             progress=say,
         )
-        with common.working(), folder:
-            result.write(folder.path, progress=say)
+        args.nominal = result.nominal_name
+        with common.working():
+            result.save(place, force=args.force, progress=say)
     more = {"summary": result.summary}
-    return common.Answer(result=result, out=folder.path, more=more, files="report.html")
-
-
-def _inputs(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the input files of the run; set the default nominal model."""
-    from stiction_envs.gap.diagnose import default_nominal
-    from stiction_envs.robots.registry import robot_files
-
-    logs = log_options.log_inputs("log", [*args.logs, *args.poses])
-    logs |= log_options.log_inputs("check", args.check)
-    if args.nominal is None:
-        args.nominal = default_nominal(args.logs, args.robot, args.chain)
-    files = {**robot_files(args.robot), "nominal": Path(args.nominal)}
-    return log_options.calibration_input(args) | logs | files
+    return common.Answer(result=result, out=place, more=more, files="report.html")
 
 
 def _options(args: argparse.Namespace) -> LogOptions:
@@ -127,11 +113,11 @@ def _rehearse(args: argparse.Namespace) -> common.Answer:
     """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance."""
     from stiction_envs.hidden.rehearsal.rehearsal_result import CSV, RUNS
     from stiction_envs.hidden.rehearsal.rehearse import plan
+    from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 
     for option in ("check", "poses"):
         if getattr(args, option):
             raise StictionError(f"--{option}: cannot be used with --rehearse")
-    folder = common.output_folder(args, common.arm_name(args), _inputs(args), resumable=True)
     with Progress() as progress:
         planned = plan(
             args.logs,
@@ -140,6 +126,9 @@ def _rehearse(args: argparse.Namespace) -> common.Answer:
             causes=args.rehearse_causes,
             progress=progress.whole,
         )
+        args.nominal = planned.provenance["arguments"]["nominal"]
+        place = args.out or default_folder("diagnose", common.arm_name(args))
+        folder = OutputFolder(place, planned.provenance, force=args.force, resumable=True)
         with common.working(), folder:
             result = planned.run(
                 threads=args.threads, progress=progress.whole, kept=folder.path / RUNS

@@ -23,8 +23,9 @@ def run(args: argparse.Namespace) -> common.Answer:
     from stiction_envs.robots.registry import robot_files
 
     arm = load_arm(args.robot, chain=args.chain)
-    inputs = log_options.log_inputs("log", args.logs) | log_options.calibration_input(args)
-    folder = common.output_folder(args, arm.name, {**inputs, **robot_files(args.robot)})
+    inputs = {f"log{k}": log for k, log in enumerate(args.logs, 1)}
+    inputs |= {"calibration": args.calibration, **robot_files(args.robot)}
+    folder = common.output_folder(args, arm.name, inputs)
 
     from stiction_envs.identification.identify import identify
 

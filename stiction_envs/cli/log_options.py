@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from stiction_envs.cli import common
-from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
     from stiction_envs.measured.logs.joint_names import Reading
@@ -83,31 +81,3 @@ def reading(args: argparse.Namespace) -> Reading:
     from stiction_envs.measured.logs.joint_names import Reading
 
     return cast("Reading", {name: getattr(args, name) for name in Reading.__annotations__})
-
-
-def calibration_input(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the calibration file, if any, by the name of its argument.
-
-    Raises:
-        StictionError: it is not there.
-    """
-    if args.calibration is None:
-        return {}
-    if not args.calibration.is_file():
-        raise StictionError(f"{args.calibration}: no such file: expected lerobot's calibration")
-    return {"calibration": args.calibration}
-
-
-def log_inputs(name: str, logs: Iterable[Path]) -> dict[str, Path]:
-    """Return logs by the names of inputs, such as ``log1``.
-
-    Raises:
-        StictionError: one that is not there.
-    """
-    from stiction_envs.measured.logs.log_files import is_log, no_log
-
-    found = {f"{name}{k}": log for k, log in enumerate(logs, 1)}
-    for log in found.values():
-        if not is_log(log):
-            raise no_log(log, "a log file")
-    return found

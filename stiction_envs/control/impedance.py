@@ -79,17 +79,14 @@ class ImpedanceSettings:
     def __post_init__(self) -> None:
         for name, (shape, above, most) in _BOUNDS.items():
             what, value = f"impedance {name.replace('_', ' ')}", getattr(self, name)
-            array = checked_array(value, what, finite=False)
-            bad = ~((array >= 0.0) & (array > above) & (array <= most))
-            if name != "torque_rate":
-                bad |= ~np.isfinite(array)
-            if bad.any():
-                low = ">= 0" if above < 0 else f"> {above:g}"
-                high = "" if most == np.inf else f" and <= {most:g}"
-                found = np.ravel(array[bad])[0]
-                raise StictionError(f"{what} is {found}: expected finite numbers {low}{high}")
-            if shape is not None:
-                array = checked_array(array, what, shape, fill=bool(shape), finite=False)
+            array = checked_array(
+                *(value, what, shape),
+                fill=bool(shape),
+                finite=name != "torque_rate",
+                low=0.0,
+                above=above,
+                high=most,
+            )
             array.flags.writeable = False
             object.__setattr__(self, name, float(array) if shape == () else array)
 

@@ -46,7 +46,7 @@ _MOST = {"missed_cycles": 1.0, "spread": 1.0} | dict.fromkeys(
     ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
 )
 FINEST = 1e-12
-"""Finest resolution other than 0 [rad, N·m]; assumed: rounding errors are not far below."""
+"""A finer resolution is none [rad, N·m]; assumed: rounding errors are not far below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,29 +79,16 @@ class Sensing:
         for field in fields(self):
             if field.name == "speed":
                 continue
-            value = self._checked(field.name)
-            good = (value >= 0) & np.isfinite(value) & (value <= _MOST.get(field.name, np.inf))
-            if field.name in ("missed_cycles", "spread"):
-                good &= value < 1
-            if field.name.endswith("resolution"):
-                good &= (value == 0) | (value >= FINEST)
-            if not good.all():
-                high = _MOST.get(field.name, np.inf)
-                expected = "0" + (f" to {high:g}" if np.isfinite(high) else " or above")
-                raise StictionError(
-                    f"sensing {field.name} is {value[~good].flat[0]:g}: expected {expected}"
-                )
-            plain = value.tolist()
-            object.__setattr__(self, field.name, tuple(plain) if value.ndim else plain)
-
-    def _checked(self, name: str) -> Array:
-        """Return a field as one number, or where it may be per joint also (n,)."""
-        value, per_joint = getattr(self, name), name in PER_JOINT
-        expected = "numbers, one or one per joint" if per_joint else "a number"
-        array = checked_array(value, f"sensing {name}", expected=expected, finite=False)
-        if isinstance(value, bool | str) or array.ndim > per_joint or np.isnan(array).any():
-            raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
-        return array
+            name, shape = field.name, None if field.name in PER_JOINT else ()
+            array = checked_array(
+                *(getattr(self, name), f"sensing {name}", shape),
+                low=0.0,
+                high=_MOST.get(name, np.inf),
+            )
+            if name.endswith("resolution"):
+                array = np.where(array < FINEST, 0.0, array)
+            plain = array.tolist()
+            object.__setattr__(self, name, tuple(plain) if array.ndim else plain)
 
     @property
     def is_ideal(self) -> bool:
@@ -110,10 +97,7 @@ class Sensing:
 
     def of_joint(self, name: str, n: int) -> Array:
         """Return the numbers (n,) of a field; raise a StictionError for another count of joints."""
-        value = np.asarray(getattr(self, name))
-        if value.ndim and len(value) != n:
-            raise StictionError(f"sensing {name} of {len(value)} joints: expected {n}, or one")
-        return np.array(np.broadcast_to(value, (n,)))
+        return checked_array(getattr(self, name), f"sensing {name}", (n,), fill=True)
 
     def check(self, n: int) -> None:
         """Raise a StictionError unless every field is one number, or one for each of n joints."""

@@ -41,9 +41,6 @@ class LoneJoints:
     ramp_rate: Array  # [N·m/s]
     lowpass_hz: Array  # Cut-off of the first-order low-pass on the command [Hz]; inf is off
     torque_rate: Array  # Largest change of the command [N·m/s]; inf is off
-    breakaway_ratio: Array
-    """Elasto-plastic: deflection below which presliding is purely elastic, over that of steady
-    sliding [-]; 0 is LuGre (Dupont, Hayward, Armstrong, Altpeter 2002)."""
 
 
 def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int = 1) -> Array:
@@ -71,64 +68,44 @@ def _breakaway(columns: Array, threshold: float, steps: int, hold: int) -> Array
     """Return `breakaway` of (C, fields) parameters, in the order of `LoneJoints`."""
     out = np.full(len(columns), np.nan)
     for i in range(len(columns)):
-        out[i] = _ramp(columns[i], threshold, steps, hold)
+        c = columns[i]
+        stiction, coulomb_ratio, stribeck_velocity, stiffness, damping, viscous = c[:6]
+        rotor, spring, spring_damping, link, amplitude, frequency, rate = c[6:13]
+        lowpass_hz, torque_rate = c[13:]
+        elastic = np.isfinite(spring)
+        gain = CONTROL_DT / (CONTROL_DT + 1 / (2 * np.pi * lowpass_hz))
+        most = torque_rate * CONTROL_DT
+        coulomb = stiction * coulomb_ratio
+        drop = stiction - coulomb
+        # a rigid joint is a rotor that carries the link
+        per_inertia = CONTROL_DT / (rotor if elastic else rotor + link)
+        per_link = CONTROL_DT / link
+        # rotor, link: angle and speed; bristle; filtered and rate-limited command
+        theta, w, q, v, z, y, x = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        # Ramps start at zero: under dither a joint creeps from the first second, far below
+        # breakaway, and a later start would change the result by up to 17 %.
+        for k in range(steps):
+            if k % hold == 0:
+                t = k * CONTROL_DT
+                ramp = rate * t
+                u = ramp + amplitude * np.sin(2 * np.pi * frequency * t)
+            x += max(-most, min(most, u - x))
+            y += gain * (x - y)
+            # g(ω), level of steady sliding
+            g = coulomb + drop * np.exp(-((w / stribeck_velocity) ** 2))
+            # a: decay rate of the bristle times h; a floor far below any effect avoids 0/0
+            a = max(abs(w) * stiffness * CONTROL_DT / g, 1e-15)
+            push = y - stiffness * z + damping * (a / CONTROL_DT * z - w) - viscous * w
+            z = bristle_after(z, w, a, CONTROL_DT)
+            if elastic:
+                pull = spring * (theta - q) + spring_damping * (w - v)
+                push -= pull
+                v += per_link * pull
+            w += per_inertia * push
+            theta += CONTROL_DT * w
+            if elastic:
+                q += CONTROL_DT * v
+            if (q if elastic else theta) >= threshold:
+                out[i] = ramp
+                break
     return out
-
-
-@compiled
-def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
-    """Return the torque at which one joint has moved; NaN if never [N·m]."""
-    stiction, coulomb_ratio, stribeck_velocity, stiffness, damping, viscous = c[:6]
-    rotor, spring, spring_damping, link, amplitude, frequency, rate = c[6:13]
-    lowpass_hz, torque_rate, breakaway_ratio = c[13:]
-    elastic = np.isfinite(spring)
-    gain = CONTROL_DT / (CONTROL_DT + 1 / (2 * np.pi * lowpass_hz))
-    most = torque_rate * CONTROL_DT
-    coulomb = stiction * coulomb_ratio
-    drop = stiction - coulomb
-    # a rigid joint is a rotor that carries the link
-    per_inertia = CONTROL_DT / (rotor if elastic else rotor + link)
-    per_link = CONTROL_DT / link
-    # rotor, link: angle and speed; bristle; filtered and rate-limited command
-    theta, w, q, v, z, y, x = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    # Ramps start at zero: under dither a joint creeps from the first second, far below breakaway,
-    # and a later start would change the result by up to 17 %.
-    for k in range(steps):
-        if k % hold == 0:
-            t = k * CONTROL_DT
-            ramp = rate * t
-            u = ramp + amplitude * np.sin(2 * np.pi * frequency * t)
-        x += max(-most, min(most, u - x))
-        y += gain * (x - y)
-        # g(ω), level of steady sliding
-        g = coulomb + drop * np.exp(-((w / stribeck_velocity) ** 2))
-        # a: decay rate of the bristle times h; a floor far below any effect avoids 0/0
-        a = abs(w) * stiffness * CONTROL_DT / g
-        if breakaway_ratio > 0.0:
-            a *= _plasticity(breakaway_ratio, stiffness, z, w, g)
-        a = max(a, 1e-15)
-        push = y - stiffness * z + damping * (a / CONTROL_DT * z - w) - viscous * w
-        z = bristle_after(z, w, a, CONTROL_DT)
-        if elastic:
-            pull = spring * (theta - q) + spring_damping * (w - v)
-            push -= pull
-            v += per_link * pull
-        w += per_inertia * push
-        theta += CONTROL_DT * w
-        if elastic:
-            q += CONTROL_DT * v
-        if (q if elastic else theta) >= threshold:
-            return ramp
-    return np.nan
-
-
-@compiled
-def _plasticity(ratio: float, stiffness: float, z: float, w: float, g: float) -> float:
-    """Return the α(z, v) of the elasto-plastic model, eq. 9 of Dupont et al. 2002 [-]."""
-    if z * w < 0.0:
-        return 0.0
-    steady = g / stiffness
-    elastic = ratio * steady
-    span = max(steady - elastic, 1e-12)
-    middle = (abs(z) - (steady + elastic) / 2) / span
-    return 0.5 * (1.0 + np.sin(np.pi * max(-0.5, min(0.5, middle))))

@@ -22,7 +22,6 @@ import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import own_friction
 from stiction_envs.friction.inertia import link_inertia, mass_and_gravity
@@ -69,16 +68,8 @@ class StickingModel:
 
     def link_position(self, qpos: Array) -> Array:
         """Return (..., n) link angles [rad] from (..., nq) MuJoCo positions."""
-        rows = qpos.reshape(-1, qpos.shape[-1])
-        return _link_angles(rows, self.motor, self.spring).reshape(*qpos.shape[:-1], self.n)
-
-    def one_link_position(self, qpos: Array, joint: Index) -> Array:
-        """Return (M, K) angle [rad] of joint[m] (from 0) from (M, K, nq) MuJoCo positions."""
-        rows = np.arange(len(qpos))
-        q = qpos[rows, :, self.motor[joint]]
-        spring = self.spring[joint]
-        elastic = np.flatnonzero(spring >= 0)
-        q[elastic] += qpos[elastic, :, spring[elastic]]
+        q, elastic = qpos[..., self.motor], self.spring >= 0
+        q[..., elastic] += qpos[..., self.spring[elastic]]
         return q
 
     def bristle_damping_of(self, parameters: FrictionParameters) -> Array:
@@ -203,15 +194,3 @@ def sticking_tree(
         if any(cogging):
             motor.set("cogging", numbers(cogging))
     return root
-
-
-@compiled
-def _link_angles(qpos: Array, motor: Index, spring: Index) -> Array:
-    """Return (M, n) motor angle, plus the spring's where there is one, of (M, nq)."""
-    out = np.empty((len(qpos), len(motor)))
-    for i in range(len(qpos)):
-        for j in range(len(motor)):
-            out[i, j] = qpos[i, motor[j]]
-            if spring[j] >= 0:
-                out[i, j] += qpos[i, spring[j]]
-    return out

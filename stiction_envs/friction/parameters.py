@@ -206,17 +206,11 @@ def from_table(table: Mapping[str, object], where: str, n: int) -> FrictionParam
         has_source = isinstance(entry, dict) and bool({"source", "assumed"} & set(entry))
         if not isinstance(entry, dict) or not has_source or "value" not in entry:
             raise StictionError(f"{where}: [{name}] needs value and source (or assumed)")
-        value = checked_array(entry["value"], f"{where}: [{name}] value", finite=False)
-        if value.ndim == 0:
-            value = np.full(n, float(value))
-        if value.shape == (n,) and quantity.by_direction:
-            value = np.repeat(value[:, None], 2, axis=1)
-        expected = (n, 2) if quantity.by_direction else (n,)
-        if value.shape != expected:
-            raise StictionError(
-                f"{where}: [{name}] has shape {value.shape}, expected {expected} for {n} joints"
-            )
-        values[name] = value
+        what, shape = f"{where}: [{name}] value", (n, 2) if quantity.by_direction else (n,)
+        value = checked_array(entry["value"], what, finite=False)
+        if quantity.by_direction and value.ndim == 1:
+            value = value[:, None]
+        values[name] = checked_array(value, what, shape, fill=True, finite=False)
     try:
         out = FrictionParameters(**values)
     except StictionError as error:

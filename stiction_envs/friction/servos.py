@@ -52,8 +52,7 @@ def read_servos(path: str | Path, n: int) -> PositionServos | None:
     names = [f.name for f in fields(PositionServos)]
     if missing := [x for x in names if not isinstance(table, dict) or x not in table]:
         raise StictionError(f"{path}: [servo] {missing[0]} is missing")
-    values = {name: checked_array(table[name], f"{path}: [servo] {name}", (n,)) for name in names}
     try:
-        return PositionServos(**values)
+        return PositionServos(**{x: checked_array(table[x], f"[servo] {x}", (n,)) for x in names})
     except StictionError as error:
         raise StictionError(f"{path}: {error}") from None

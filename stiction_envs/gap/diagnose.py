@@ -208,7 +208,7 @@ class Request:
     def origin(self, arm: Arm, side: str) -> Origin:
         """Return the origin of a result whose torques are of a ``side`` of the gear."""
         nominal, calibration = self.nominal, self.options["calibration"]
-        sources = log_sources([*self.logs, *self.poses]) | log_sources(self.check, "check")
+        sources = log_sources([*self.logs, *self.poses], self.check)
         arguments: dict[str, object] = {
             **{k: x for k, x in self.options.items() if k not in ("seed", "cutoff_hz")},
             "logs": [_name(x) for x in self.logs],
@@ -253,10 +253,10 @@ def _diagnose_tables(request: Request) -> DiagnosisResult:
             f"nominal {origin['nominal_name']}: joints of an arm without friction do not break "
             "away: expected shipped, file or a path to a .toml"
         )
-    base, dithered = read_tables([x for x in request.logs if isinstance(x, str | Path)], arm)
+    rows = read_tables([x for x in request.logs if isinstance(x, str | Path)], arm)
     friction = friction_of(arm, judged.friction)
     whole = WholeArm(arm, friction, threads=request.threads)
-    found = diagnose_tables(base, dithered, whole, progress=request.progress)
+    found = diagnose_tables(rows, whole, progress=request.progress)
     return TableResult(diagnosis=found, arm=arm, friction=friction, **origin)
 
 

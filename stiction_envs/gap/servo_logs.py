@@ -60,12 +60,8 @@ def servo_of(
 def _each(values: Sequence[float] | None, name: str, n: int) -> Array | None:
     if values is None:
         return None
-    least, what = LOW[INDEX[name]], f"servo {name}"
-    out = checked_array(values, what, (n,), expected=f"1 number, or {n}", fill=True)
-    if not (out >= least).all():
-        known = "more than 0" if least > 0 else "0 or more"
-        raise StictionError(f"{what} {out.tolist()}: expected {known} {PARAMETERS[name].unit}")
-    return out
+    unit, low = PARAMETERS[name].unit, LOW[INDEX[name]]
+    return checked_array(values, f"servo {name}", (n,), fill=True, low=low, unit=unit)
 
 
 def read_servo_files(given: Sequence[Log], arm: Arm, naming: Naming) -> list[ServoLog]:

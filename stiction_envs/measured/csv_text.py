@@ -171,15 +171,13 @@ class Line:
 
     def whole(self, column: str, low: int, high: int | None = None) -> int:
         """Return the field as a whole number in ``low`` … ``high``."""
-        raw = self.fields[column]
-        expected = f"a whole number from {low}" + ("" if high is None else f" to {high}")
-        try:
-            value = int("" if "_" in raw else raw)
-        except ValueError:
-            raise self.error(f"{column} is {raw!r}: expected {expected}") from None
-        if value < low or (high is not None and value > high):
-            raise self.error(f"{column} is {value}: expected {expected}")
-        return value
+        value = self.number(column)
+        if value % 1 or value < low or (high is not None and value > high):
+            to = "" if high is None else f" to {high}"
+            raise self.error(
+                f"{column} is {self.fields[column]}: expected a whole number from {low}{to}"
+            )
+        return int(value)
 
 
 def read_text(path: str | os.PathLike[str]) -> str:

@@ -154,13 +154,3 @@ def write_friction(ids: Index, period: int, a: PlantArrays) -> None:
             write_slow(i, a)
         if a.asymmetric[0]:
             write_direction(i, a)
-
-
-@compiled
-def read_offsets(signed: Array, p: FrictionArrays) -> Array:
-    """Return the offsets (N, n) of all simulations under loads (N, n) [N·m]."""
-    out = np.empty(signed.shape)
-    for i in range(signed.shape[0]):
-        for j in range(signed.shape[1]):
-            out[i, j] = offset_at(i, j, signed[i, j], p)
-    return out

@@ -28,7 +28,6 @@ from stiction_envs.plant.loop_arrays import (
     SLOW_STEPS,
     FrictionArrays,
     PlantArrays,
-    read_offsets,
     write_friction,
 )
 from stiction_envs.plant.loop_batch import Loop, LoopBatch
@@ -115,7 +114,10 @@ class Plant:
     @property
     def offset(self) -> Array:
         """(N, n) torque that balances the arm beyond its gravity compensation [N·m]."""
-        return read_offsets(self.load[0], self.arrays.friction)
+        p = self.arrays.friction
+        return np.asarray(
+            p.offset + p.gravity_error * np.clip(self.load[0], -p.load_high, p.load_high)
+        )
 
     @property
     def stiction(self) -> Array:
@@ -258,10 +260,8 @@ class Plant:
                 block * self._substeps, control=part, record=("qpos",), ids=ids
             )["qpos"]
             qpos = qpos[:, self._substeps - 1 :: self._substeps]
-            if joint is None:
-                out[:, k : k + block] = s.link_position(qpos)
-            else:
-                out[:, k : k + block] = s.one_link_position(qpos, joint)
+            q = s.link_position(qpos)
+            out[:, k : k + block] = q if joint is None else q[np.arange(m), :, joint]
             self.arrays.steps[ids] += block
             k += block
         raise_if_stopped(self.batch)

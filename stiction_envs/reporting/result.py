@@ -25,14 +25,17 @@ class Result(abc.ABC):
     def to_json(self) -> Mapping[str, object]:
         """Return the JSON that the command prints with ``--json``."""
 
-    def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
+    def save(
+        self, folder: str | os.PathLike[str], *, force: bool = False, **options: object
+    ) -> Path:
         """Write the files of the result's command and ``provenance.json``; return the folder.
 
-        The folder is made where it is missing; ``force`` replaces the files of another run in it.
+        The folder is made where it is missing; ``force`` replaces the files of another run in it;
+        ``options`` are those of `write`.
 
         Raises:
             StictionError: the folder holds files, or cannot be one; nothing was written.
         """
         with OutputFolder(Path(folder), self.provenance, force=force) as out:
-            self.write(out.path)
+            self.write(out.path, **options)
         return out.path

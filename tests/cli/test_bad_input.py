@@ -66,7 +66,7 @@ BAD = {
         "--payload -1 0 0 0": "from 0 kg",
         "--payload 1": "4 arguments",
         "--friction {no.toml}": "not a TOML file",
-        "--sensing {senses.toml}": "angle_noise is -1e-05: expected 0 or above",
+        "--sensing {senses.toml}": "angle_noise is -1e-05: expected finite numbers from 0",
         "--sensing {friction.toml}": "expected a table [sensing]",
         "--out {good.csv}": "is a file",
         "--out {good.csv}/x": "not a folder",
@@ -160,7 +160,7 @@ BAD = {
     },
     "identify": {
         "missing.csv --robot panda": "missing.csv: no such file",
-        ". --robot panda": ".: a directory: expected a log file, or a folder of ROS 2",
+        ". --robot panda": "or a folder of ROS 2, lerobot or SAGE",
         "{log.csv} --robot panda": "log.csv: columns for 2 joints",
         "{log.csv} --robot ur5": ROBOTS,
         "{log.csv} --robot {two.xml} --cutoff 0": "above 0",

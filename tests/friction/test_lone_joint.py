@@ -30,7 +30,6 @@ def joints(**changes: Any) -> LoneJoints:
         "ramp_rate": 0.5,
         "lowpass_hz": 100.0,
         "torque_rate": np.inf,
-        "breakaway_ratio": 0.0,
         **changes,
     }
     n = max(np.size(v) for v in values.values())
@@ -121,34 +120,6 @@ def test_a_very_stiff_spring_is_a_rigid_joint():
     rigid, stiff = breakaway(c, threshold=0.15, longest=10.0).reshape(2, 2)
     np.testing.assert_allclose(stiff, rigid, rtol=0.01)
     assert rigid[1] < 0.9 * rigid[0]
-
-
-def test_elasto_plastic_does_not_creep_below_breakaway_and_lugre_does():
-    """Law checked: Dupont et al. 2002, against the drift of LuGre inside the band.
-
-    The load swings by 0.3 F about a ramp of 0.005 F/s. LuGre creeps with every swing; the
-    elasto-plastic bristle only yields above 0.72 F in sum, so that the joint has moved no further
-    than its spring before the ramp reaches about 0.4 F.
-    """
-    ratio, stiction, amplitude, sigma0 = 0.7169, 1.0, 0.3, 1000.0
-    c = joints(
-        stiction=stiction,
-        coulomb_ratio=1.0,
-        viscous=0.0,
-        bristle_stiffness=sigma0,
-        amplitude=amplitude,
-        frequency=5.0,
-        ramp_rate=0.02,
-        rotor_inertia=0.1,
-        link_inertia=1e-6,
-        lowpass_hz=np.inf,
-        breakaway_ratio=np.array([0.0, ratio]),
-    )
-    # further than any spring of stiffness σ0 would give before plastic flow
-    threshold = (ratio * stiction + 0.05) / sigma0
-    lugre, plastic = breakaway(c, threshold=threshold, longest=60.0)
-    assert plastic > (ratio * stiction - amplitude) * 0.95
-    assert lugre < 0.25 * plastic
 
 
 def test_torque_rate_limit_takes_dither_away_only_where_it_is_reached():

@@ -133,7 +133,7 @@ def with_entry(name: str, entry: object) -> dict:
         (with_entry("stiction", [1, 2]), "stiction. needs value and source"),
         (with_entry("stiction", {"value": "a", "source": "t"}), "value is a .*: expected"),
         (with_entry("stiction", {"value": [1, [2]], "source": "t"}), "value is a .*: expected"),
-        (with_entry("stiction", {"value": [1.0] * 6, "source": "t"}), r"shape \(6,\).*7 joints"),
+        (with_entry("stiction", {"value": [1.0] * 6, "source": "t"}), r"shape \(6, 1\).*\(7, 2\)"),
         (with_entry("rotor_inertia", {"value": [[1, 1]] * 7, "source": "t"}), r"shape \(7, 2\)"),
         (with_entry("stiction", {"value": 0.0, "source": "t"}), "is 0: expected .* from 1e-06 N·m"),
         (with_entry("stiction", {"value": float("nan"), "source": "t"}), "is nan: expected"),

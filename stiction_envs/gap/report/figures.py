@@ -161,7 +161,8 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     """Draw a joint (from 0): its fastest motion, and its residual against everything."""
     t, segment = _joined(s.time)
     style = "." if s.at_rest else "-"
-    scale, unit = (1e3, "mrad") if s.quantity == "angle" else (1.0, s.unit)
+    angles = s.quantity == "angle"
+    scale, unit = (1e3, "mrad") if angles else (1.0, "N·m")
     measured, nominal, model = (x[:, joint] for x in (s.measured, s.nominal, s.simulated))
     figure = Figure(figsize=(11.5, 6.2))
     figure.subplots_adjust(left=0.07, right=0.99, top=0.92, bottom=0.09, hspace=0.3, wspace=0.06)
@@ -175,7 +176,7 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     for name, (y, colour) in lines.items():
         look = {"color": colour, "label": name, "lw": 1.6 if name == "measured" else 1.0}
         _trace(top, t[near], y[near], segment[near], style, **look)
-    top.set_ylabel(f"{s.quantity} [{s.unit}]", fontsize=9)
+    top.set_ylabel(f"{s.quantity} [{'rad' if angles else unit}]", fontsize=9)
     top.set_title(f"joint {joint + 1}", fontsize=11, loc="left")
     top.legend(fontsize=8, frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.98))
     clock = "number of the pose" if s.at_rest else "time without pauses [s]"

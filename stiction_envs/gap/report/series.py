@@ -46,23 +46,13 @@ class Series:
     contact: Bools | None = None
     """(T,) whether the arm touches something, of servo logs."""
 
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return self.q.shape[1]
-
-    @property
-    def unit(self) -> str:
-        """Unit of the quantity that was compared."""
-        return "N·m" if self.quantity == "torque" else "rad"
-
     def csv(self) -> str:
         """Return ``series.csv``: time, and a column for each signal of each joint."""
         x = "tau" if self.quantity == "torque" else "q"
         signals = {"q": self.q, "dq": self.dq, "q_cmd": self.q_cmd, x: self.measured}
         signals |= {f"{x}_nominal": self.nominal, f"{x}_simulated": self.simulated, **self.causes}
         columns = {"t": self.time[:, None]} | {k: v for k, v in signals.items() if v is not None}
-        names = [f"{k}{j}" for k in columns if k != "t" for j in range(1, self.n + 1)]
+        names = [f"{k}{j}" for k in columns if k != "t" for j in range(1, self.q.shape[1] + 1)]
         if self.contact is not None:
             columns["contact"] = self.contact[:, None].astype(np.float64)
             names.append("contact")

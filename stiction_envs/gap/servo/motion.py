@@ -13,6 +13,7 @@ import numpy as np
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.servo.joint import JointMotion, command_nodes
 from stiction_envs.gap.signals.filters import lowpass
+from stiction_envs.measured.logs.corrections import runs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
@@ -150,13 +151,7 @@ def in_contact(motion: JointMotion, error: Array, resolution: float) -> Bools:
 
 def stretches(t: Array, rows: Bools) -> list[list[float]]:
     """Return first and last time of each run of rows [s]."""
-    return [[float(t[a]), float(t[b - 1])] for a, b in _runs(rows)]
-
-
-def _runs(rows: Bools) -> list[tuple[int, int]]:
-    """Return first row of each run of rows, and the row after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int))).tolist()
-    return list(zip(edges[::2], edges[1::2], strict=True))
+    return [[float(t[a]), float(t[b - 1])] for a, b in runs(rows)]
 
 
 def pushing(current: Array, rows: Bools) -> Bools:
@@ -168,6 +163,6 @@ def pushing(current: Array, rows: Bools) -> Bools:
         return rows
     usual = float(np.nanmedian(current[~rows]))
     out = np.zeros_like(rows)
-    for a, b in _runs(rows):
+    for a, b in runs(rows):
         out[a:b] = not np.nanmedian(current[a:b]) <= usual
     return out

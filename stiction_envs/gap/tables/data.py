@@ -24,12 +24,9 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import BaseTable, DitheredRow, SJERow, read_sje
-from stiction_envs.measured.tables import our_name
+from stiction_envs.measured.tables import SJERow, our_name, read_sje
 from stiction_envs.robots import Arm
 
-UNUSED_NM = 1.0
-"""Base torque of joints where none was measured and none is used [N·m]; without effect."""
 STEP = 0.1
 """Step of a quantity's logarithm between states [-]; assumed."""
 
@@ -141,29 +138,25 @@ class WholeArm:
 class TableData:
     """The readings of all joints that have dithered torques, as arrays of length N."""
 
-    def __init__(self, base: BaseTable, dithered: Sequence[DitheredRow], whole: WholeArm) -> None:
-        """Take the readings of one arm, base torques first; leave out those that are no numbers."""
+    def __init__(self, rows: Sequence[SJERow], whole: WholeArm) -> None:
+        """Take the rows of one arm that `read_tables` returns."""
         self.whole = whole
-        good = [x for x in dithered if np.isfinite(x.tau_sje_nm)]
-        self.joints = tuple(sorted({x.joint for x in good}))
-        first = configurations(base.n_joints, list(self.joints)) if good else []
-        places = [Configuration(x.joint, x.load, x.direction) for x in good]
-        self.jobs = [Job(w) for w in first] + [
-            Job(w, x.frequency_hz, x.amplitude_nm) for w, x in zip(places, good, strict=True)
-        ]
+        places = [place_of(x) for x in rows]
+        self.joints = tuple(sorted({x.joint for x in rows}))
+        pairs = list(zip(places, rows, strict=True))
+        self.jobs = [Job(w, x.frequency_hz, x.amplitude_nm) for w, x in pairs]
         """(N) simulated experiments that predict the readings."""
-        where = [job.configuration for job in self.jobs]
-        self.joint = np.array([w.joint for w in where], dtype=np.int64)
-        self.pose = np.array([w.index[1] for w in where], dtype=np.int64)
-        self.sign = np.array([w.sign for w in where], dtype=np.float64)
-        each = [float(base.tau[w.index]) for w in first] + [x.tau_sje_nm for x in good]
-        self.torque = self.sign * each
+        self.joint = np.array([w.joint for w in places])
+        self.pose = np.array([w.index[1] for w in places])
+        self.sign = np.array([w.sign for w in places])
+        self.torque = self.sign * [x.tau_nm for x in rows]
         """Measured, along the ramp: negative if the joint moved against it [N·m]."""
-        self.base = np.arange(len(where)) < len(first)
-        keys = [(0.0, 0.0)] * len(first) + [(x.frequency_hz, round(x.scale, 1)) for x in good]
+        self.base = np.array([x.is_base for x in rows])
+        base = {w: abs(x.tau_nm) for w, x in pairs if x.is_base}
+        keys = [(x.frequency_hz, round(x.amplitude_nm / base[w], 1)) for w, x in pairs]
         self.blocks = len(set(keys))
         """Number of parts that are left out together: base torques, each frequency and scale."""
-        self.block = np.unique(keys, axis=0, return_inverse=True)[1].ravel() if keys else self.joint
+        self.block = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
         """Number of a reading's block; 0: base torques."""
         self.of_joint = {j: np.flatnonzero(self.joint == j) for j in self.joints}
         """The readings of each joint (from 1)."""
@@ -237,8 +230,13 @@ class Effect:
         return {name: scale * each for name, scale in self.parameters.items()}
 
 
-def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[DitheredRow]]:
-    """Read base torques and dithered torques of an arm from SJE tables.
+def place_of(row: SJERow) -> Configuration:
+    """Return joint, pose and direction of a row."""
+    return Configuration(row.joint, row.load, row.direction)
+
+
+def read_tables(paths: Sequence[str | Path], arm: Arm) -> list[SJERow]:
+    """Read the torques of joints with dither from SJE tables: base torques first, each once.
 
     Args:
         paths: files in the form of ``sje.csv``; a base torque in several files must be the same.
@@ -256,48 +254,26 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
         raise StictionError(
             f"{paths[0]}: torques of {', '.join(robots)}: expected robot {arm.name}"
         )
-    base: dict[Configuration, float] = {}
+    base: dict[Configuration, SJERow] = {}
     for path, row in rows:
-        where = Configuration(row.joint, row.load, row.direction)
-        if row.is_base and base.setdefault(where, row.tau_nm) != row.tau_nm:
+        known = base.setdefault(place_of(row), row) if row.is_base else row
+        if known.tau_nm != row.tau_nm:
             raise StictionError(
                 f"{path}: base torque of joint {row.joint}, {row.load} {row.direction} is "
-                f"{row.tau_nm:g} N·m and {base[where]:g} N·m: expected one"
+                f"{row.tau_nm:g} N·m and {known.tau_nm:g} N·m: expected one"
             )
-    dithered = [_dithered(path, row, base) for path, row in rows if row.amplitude_nm > 0]
+    dithered = [row for _, row in rows if row.amplitude_nm > 0]
     if not dithered:
         raise StictionError(f"{paths[0]}: base torques alone: expected rows with dither too")
     joints = sorted({x.joint for x in dithered})
     if joints[-1] > arm.n:
         raise StictionError(f"{paths[0]}: joint {joints[-1]}: {arm.name} has {arm.n}")
-    for where in configurations(arm.n, joints):
-        if where not in base:
+    wanted = configurations(arm.n, joints)
+    for where in wanted:
+        if where not in base or not base[where].tau_nm:
             raise StictionError(
                 f"{paths[0]}: joint {where.joint} has dithered torques, but no base torque in "
-                f"{where.load} {where.direction}: expected all four"
+                f"{where.load} {where.direction}: expected all four, not 0 (rows with frequency "
+                "and amplitude 0)"
             )
-    tau = np.tile([UNUSED_NM, -UNUSED_NM], (arm.n, 2, 1))
-    for where, value in base.items():
-        if where.joint <= arm.n:
-            tau[where.index] = value
-    return BaseTable(arm.name, tau), dithered
-
-
-def _dithered(path: str, row: SJERow, base: dict[Configuration, float]) -> DitheredRow:
-    where = Configuration(row.joint, row.load, row.direction)
-    if not base.get(where):
-        raise StictionError(
-            f"{path}: joint {row.joint}, {row.load} {row.direction} has dithered torques: "
-            "expected its base torque too, not 0 (a row with frequency and amplitude 0)"
-        )
-    same = ("robot", "joint", "load", "direction", "frequency_hz", "amplitude_nm")
-    return DitheredRow(
-        **{name: getattr(row, name) for name in same},
-        scale=row.amplitude_nm / abs(base[where]),
-        tau_base_nm=base[where],
-        tau_sje_nm=row.tau_nm,
-        change_pct=100 * (row.tau_nm / base[where] - 1),
-        table=Path(path).name,
-        amplitude_set="scale",
-        outlier=False,
-    )
+    return [*(base[where] for where in wanted), *dithered]

@@ -44,7 +44,7 @@ STUCK = 3.0
 """Torque at which ramps end, over the largest friction [-]; assumed."""
 FREE = (
     *("coulomb_ratio", "stribeck_velocity", "bristle_stiffness", "viscous", "rotor_inertia"),
-    *("joint_stiffness", "ramp_rate", "lowpass_hz", "torque_rate", "breakaway_ratio"),
+    *("joint_stiffness", "ramp_rate", "lowpass_hz", "torque_rate"),
 )
 """Parameters of a lone joint that may have other than nominal values."""
 STABLE = 1.6
@@ -63,12 +63,12 @@ class LoneJointTorques:
     def nominal(self, name: str) -> float:
         """Return the nominal value of a parameter."""
         w, j = self.whole, self.joint - 1
-        of_experiment = {"ramp_rate": w.protocol.ramp_rate, "breakaway_ratio": 0.0}
-        of_experiment["torque_rate"] = float(w.interface.torque_rate[j])
-        of_experiment["lowpass_hz"] = w.interface.lowpass_hz or np.inf
-        if name in of_experiment:
-            return of_experiment[name]
-        return float(np.mean(getattr(w.friction, name)[j]))
+        of_experiment = {
+            "ramp_rate": w.protocol.ramp_rate,
+            "torque_rate": w.interface.torque_rate[j],
+            "lowpass_hz": w.interface.lowpass_hz or np.inf,
+        }
+        return float(of_experiment.get(name) or np.mean(getattr(w.friction, name)[j]))
 
     def breakaway(
         self,

@@ -1,6 +1,8 @@
 """Name what a simulation gets wrong, from tables of breakaway torques.
 
-    diagnosis = diagnose_tables(base, rows, WholeArm(load_arm("panda"), load_friction("panda")))
+    arm = load_arm("panda")
+    rows = read_tables(["sje.csv"], arm)
+    diagnosis = diagnose_tables(rows, WholeArm(arm, load_friction("panda")))
     print(diagnosis.verdict)
     for cause in diagnosis.causes:
         print(cause.name, cause.joints, cause.parameters, cause.nats, cause.rivals)
@@ -29,8 +31,8 @@ from stiction_envs.gap.judge.judgement import (
 from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
 from stiction_envs.gap.tables.data import Effect, TableData, WholeArm
-from stiction_envs.gap.tables.table_search import Judge, TableFit, WeighedEffect
-from stiction_envs.measured import BaseTable, DitheredRow
+from stiction_envs.gap.tables.table_search import Judge, TableFit, Weighed
+from stiction_envs.measured.tables import SJERow
 from stiction_envs.reporting.markdown import joints as named
 
 UNEXPLAINED = 3.0
@@ -80,8 +82,7 @@ class TableDiagnosis(Judgement):
 
 
 def diagnose_tables(
-    base: BaseTable,
-    dithered: Sequence[DitheredRow],
+    rows: Sequence[SJERow],
     whole: WholeArm,
     *,
     progress: Callable[[str, float], None] | None = None,
@@ -90,8 +91,7 @@ def diagnose_tables(
     """Say what a simulation gets wrong about measured breakaway torques.
 
     Args:
-        base: base torques of all joints; only joints with dithered torques are used.
-        dithered: torques of some or all joints; days or sets are not distinguished.
+        rows: of `read_tables`; days or sets are not distinguished.
         whole: the nominal arm; a later diagnosis with it does not repeat its simulations.
         progress: called with the present step, and 0.
         causes: causes to try; None for all registered ones.
@@ -101,7 +101,7 @@ def diagnose_tables(
         if progress is not None:
             progress(step, 0.0)
 
-    data = TableData(base, dithered, whole)
+    data = TableData(rows, whole)
     if data.blocks - 1 < LEAST_BLOCKS:
         nothing = np.full(len(data.joints), np.nan)
         return TableDiagnosis(
@@ -142,21 +142,21 @@ def diagnose_tables(
 
 
 def _named(
-    judge: Judge, best: TableFit, c: WeighedEffect, before: Array, after: Array
+    judge: Judge, best: TableFit, weighed: Weighed, before: Array, after: Array
 ) -> NamedCause:
     """Return a cause with its values, evidence and rivals."""
-    name, joints = c.effects[0].cause, c.effects[0].joints
-    rivals = [(n, best.score - f.score) for n, f in c.rivals.items()]
-    nearest = sorted(rivals, key=lambda x: x[1])
+    effects, without, rivals = weighed
+    name, joints = effects[0].cause, effects[0].joints
+    nearest = sorted(((n, best.score - f.score) for n, f in rivals.items()), key=lambda x: x[1])
     confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
     return NamedCause(
         name=name,
         joints=joints,
-        parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, c.effects)},
-        gain_percent=percent_lost(_errors(judge, c.without), after, before),
-        nats=best.score - c.without.score,
+        parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, effects)},
+        gain_percent=percent_lost(_errors(judge, without), after, before),
+        nats=best.score - without.score,
         rivals=tuple(nearest),
-        evidence=_evidence(judge, best, c.without, c.effects),
+        evidence=_evidence(judge, best, without, effects),
         confused_with=tuple(confused),
         told_apart_by={n: what_tells_apart(name, n) for n in confused},
     )

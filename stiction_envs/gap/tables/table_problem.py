@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from stiction_envs.arrays import Array, Index
-from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
+from stiction_envs.gap.judge.problem import Channel, Problem, Term
 
 SCATTER = 0.01
 """Usual scatter of a reading over friction [-]; assumed: mean of four iterations with
@@ -132,29 +132,9 @@ class TableProblem(Problem):
         return self.score(named) - np.array([self.score(x) for x in rest])
 
     def gains(self, named: Sequence[Term], offers: Sequence[Sequence[Term]]) -> Array:
-        """Return (K,) by how much each of K terms, alone in its offer, would raise the score."""
-        model, now, each, out = self.model(named), self.score(named), {}, []
-        for (term,) in offers:
-            k = term.joint
-            if k == ARM:
-                out.append(self.score([*named, term]) - now)
-                continue
-            if k not in each:
-                each[k] = self._gained(k, model)
-            at = np.searchsorted(self.channels[k].at, self.numbers[term][0])
-            out.append(float(each[k][at]) - self.odds[term])
-        return np.array(out)
-
-    def _gained(self, k: int, model: Sequence[Term]) -> Array:
-        """Return (P,) gain in log evidence of each column of a joint beside a model."""
-        local, n = self._own(k, model)[1], self.channels[k].normal(-1)
-        m, shared = np.eye(len(local)) + n[:, local[:, None], local], n[:, local]
-        solved = np.linalg.solve(m, shared)
-        width = 1 + np.einsum("gpp->gp", n) - np.einsum("gap,gap->gp", shared, solved)
-        pull = n[:, :, -1] - np.einsum("gap,ga->gp", shared, solved[..., -1])
-        before = self.likelihoods(k, model)
-        after = before[:, None] + 0.5 * (pull**2 / width - np.log(np.maximum(width, 1e-300)))
-        return np.asarray(after.max(axis=0)[:-1] - before.max())
+        """Return (K,) by how much each of K offers would raise the score."""
+        now = self.score(named)
+        return np.array([self.score([*named, *offer]) - now for offer in offers])
 
     def common_nats(self, k: int, named: Sequence[Term]) -> float:
         """Return the log evidence for a common error of a joint against none [nats]."""

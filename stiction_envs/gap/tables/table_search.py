@@ -76,15 +76,9 @@ class TableFit:
         return np.asarray(SCATTER * SIZES[self.sizes[k]])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WeighedEffect:
-    """A cause in the best model, and the models that lack it."""
-
-    effects: list[Effect]
-    """Effects of one cause on the same joints; each bad reading counts alone."""
-    without: TableFit
-    rivals: dict[str, TableFit]
-    """Models with another cause in its place, by that one's name."""
+Weighed = tuple[list[Effect], TableFit, dict[str, TableFit]]
+"""Effects of one cause on the same joints (each bad reading counts alone), the model without them,
+and models with another cause in their place, by its name."""
 
 
 class Judge:
@@ -209,7 +203,7 @@ class Judge:
 
     # ---- search ----------------------------------------------------------------------------------
 
-    def search(self, say: Callable[[str], None]) -> tuple[TableFit, list[WeighedEffect]]:
+    def search(self, say: Callable[[str], None]) -> tuple[TableFit, list[Weighed]]:
         """Return the best model and its causes.
 
         Straight lines may promise too little: a rival that turns out better takes a cause's place.
@@ -218,13 +212,13 @@ class Judge:
         while True:
             say("looking for what else could have been it")
             causes = self._weigh(best)
-            rivals = [f for c in causes for f in c.rivals.values()]
+            rivals = [f for _, _, others in causes for f in others.values()]
             better = max([best, *rivals], key=lambda f: f.worth)
             if better is best:
                 return best, causes
             best = self._climb(better, say)
 
-    def _weigh(self, fit: TableFit) -> list[WeighedEffect]:
+    def _weigh(self, fit: TableFit) -> list[Weighed]:
         groups: dict[tuple[object, ...], list[Effect]] = {}
         for e in fit.values:
             groups.setdefault((e.cause, e.joints, tuple(e.rows) if e.bad else ()), []).append(e)
@@ -232,8 +226,7 @@ class Judge:
         for some in groups.values():
             rest = {e: x for e, x in fit.values.items() if e not in some}
             without = self.fit(rest, fit.states)
-            rivals = self._rivals(fit, without, some)
-            out.append(WeighedEffect(effects=some, without=without, rivals=rivals))
+            out.append((some, without, self._rivals(fit, without, some)))
         return out
 
     def _searched(

@@ -165,7 +165,7 @@ def check(
         **naming.record,
     }
     inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
-    inputs |= {k: p for k, p in naming.files.items() if p.is_file()}
+    inputs |= naming.files
     return Findings(
         files=tuple(map(str, paths)),
         findings=tuple(findings),

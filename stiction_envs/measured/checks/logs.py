@@ -247,7 +247,7 @@ def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
 
 
 def check_speeds(rows: RawLog, step: float) -> list[str]:
-    """Return warnings about dq against the derivative of q: unit, sign, lag, low-pass.
+    """Return warnings about dq against the derivative of q: unit, sign, lag.
 
     Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`, of a log
     without repeats and gaps, whose rows are ``step`` [s] apart.
@@ -276,24 +276,14 @@ def check_speeds(rows: RawLog, step: float) -> list[str]:
         (scale, turned), *_ = np.linalg.lstsq(both, dq, rcond=None)
         left = dq - both @ (scale, turned)
         if scale and left.var() < 0.1 * dq.var():
-            corner = _corner(speeds[:, j], grid["dq"][:, j], abs(scale), rate)
-            found.append((scale, -turned / scale, corner))
+            found.append((scale, -turned / scale))
     warnings = _speed_findings(np.array(found), step) if found else []
     return warnings + (_commanded_angles(grid, rate, movers) if "tau" in grid else [])
 
 
-def _corner(v: Array, dq: Array, scale: float, rate: float) -> float:
-    """Return the lowest frequency at which dq has lost half the power of v [Hz]; inf for none."""
-    f, p_v, p_dq, coherent = _spectra(v, dq, rate)
-    left = np.sqrt(coherent * p_dq / np.maximum(p_v, 1e-300))
-    damped = (f > 0) & (coherent > 0.8) & (left < np.sqrt(0.5) * scale)
-    twice = np.flatnonzero(damped[1:] & damped[:-1])
-    return float(f[twice[0]]) if len(twice) else np.inf
-
-
 def _speed_findings(found: Array, step: float) -> list[str]:
     warnings = []
-    scale, lag, corner = (float(x) for x in np.median(found, axis=0))
+    scale, lag = (float(x) for x in np.median(found, axis=0))
     if abs(abs(scale) * _DEGREE - 1) < 0.2:
         raise StictionError(
             f"dq is {abs(scale):.3g} times the derivative of q, which looks like degrees per "
@@ -307,8 +297,6 @@ def _speed_findings(found: Array, step: float) -> list[str]:
     if abs(lag) > max(0.75 * step, 3 * spread):
         side = "lags" if lag > 0 else "leads"
         text = f"dq {side} the derivative of q by {1e3 * abs(lag):.3g} ms"
-        if np.isfinite(corner):
-            text += f" and is low-passed, half its power lost near {corner:.2g} Hz"
         warnings.append(f"{text}: speeds are taken from q")
     return warnings
 

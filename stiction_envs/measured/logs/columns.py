@@ -13,26 +13,13 @@ TORQUE, POSITION = DRIVES = ("torque", "position")
 """Drives of the joints of a log: torque (a joint log), or a servo that gets positions."""
 
 
-@dataclass(frozen=True)
-class Channels:
-    """Channels that a kind of log has of each joint."""
-
-    required: tuple[str, ...]
-    """Always: angle ``q`` [rad], torque ``tau`` [N·m], commanded angle ``q_cmd`` [rad]."""
-    optional: tuple[str, ...]
-    """Used where they are there: speed ``dq`` [rad/s], ``temperature`` [°C], commanded torque
-    ``tau_cmd`` [N·m], size of the motor's current ``current_abs`` [any unit]."""
-
-    @property
-    def all(self) -> tuple[str, ...]:
-        """Return both."""
-        return self.required + self.optional
-
-
 CHANNELS = {
-    TORQUE: Channels(("q", "tau"), ("dq", "temperature", "tau_cmd")),
-    POSITION: Channels(("q_cmd", "q"), ("dq", "tau", "current_abs", "temperature")),
+    TORQUE: (("q", "tau"), ("dq", "temperature", "tau_cmd")),
+    POSITION: (("q_cmd", "q"), ("dq", "tau", "current_abs", "temperature")),
 }
+"""Channels of each joint by drive. Required: angle ``q`` [rad], torque ``tau`` [N·m], commanded
+angle ``q_cmd`` [rad]; optional: speed ``dq`` [rad/s], ``temperature`` [°C], commanded torque
+``tau_cmd`` [N·m], size of the motor's current ``current_abs`` [any unit]."""
 
 RUN = "run"
 """Optional column of names: where it changes, another recording begins and time may start anew."""
@@ -94,17 +81,15 @@ def sort_columns(
     Raises:
         StictionError: a column is missing or there twice, or the log has another number of joints.
     """
-    n_joints, time, kind = wanted.n_joints, wanted.time, CHANNELS[wanted.drive]
-    must, optional = (
-        ",".join(f"{c}1..{c}{n_joints}" for c in x) for x in (kind.required, kind.optional)
-    )
-    may = f"expected {'t,' if time else ''}{must} with optional {optional},{RUN}"
+    n_joints, time, (required, optional) = wanted.n_joints, wanted.time, CHANNELS[wanted.drive]
+    must, more = (",".join(f"{c}1..{c}{n_joints}" for c in x) for x in (required, optional))
+    may = f"expected {'t,' if time else ''}{must} with optional {more},{RUN}"
     may += "; columns OURS=NAME renames"
     names = [name.strip() for name in header]
     found: dict[str, dict[int, int]] = {}
     for i, name in enumerate(names):
         match = _CHANNEL.fullmatch(name)
-        is_channel = match is not None and match[1] in kind.all
+        is_channel = match is not None and match[1] in required + optional
         known = is_channel or name == RUN or (time and name == "t")
         if known and names.index(name) != i:
             raise StictionError(f"{where}: column {name!r} is there twice: {may}")
@@ -112,25 +97,25 @@ def sort_columns(
             found.setdefault(match[1], {})[int(match[2])] = i
     if time and "t" not in names:
         raise StictionError(f"{where}: missing column 't' (time in s): {may}")
-    counts = {max(found[channel]) for channel in kind.required if channel in found}
-    sizes = {len(found[channel]) for channel in kind.required if channel in found}
+    counts = {max(found[channel]) for channel in required if channel in found}
+    sizes = {len(found[channel]) for channel in required if channel in found}
     if counts != {n_joints} and len(counts) == 1 and sizes == counts:
         raise StictionError(
             f"{where}: columns for {max(counts)} joints, but the robot has {n_joints}: {may}"
         )
-    for channel in kind.required:
+    for channel in required:
         extra = [j for j in found.get(channel, {}) if j > n_joints]
         if extra:
             raise StictionError(
                 f"{where}: column '{channel}{extra[0]}', but the robot has {n_joints} joints: {may}"
             )
     channels: dict[str, tuple[int, ...]] = {}
-    for channel in kind.all:
+    for channel in required + optional:
         joints = found.get(channel, {})
         missing = [j for j in range(1, n_joints + 1) if j not in joints]
         if not missing:
             channels[channel] = tuple(joints[j] for j in range(1, n_joints + 1))
-        elif channel in kind.required or (channel == "dq" and joints):
+        elif channel in required or (channel == "dq" and joints):
             what = ", ".join(f"'{channel}{j}'" for j in missing)
             plural = "s" if len(missing) > 1 else ""
             raise StictionError(f"{where}: missing column{plural} {what}: {may}")

@@ -170,7 +170,7 @@ def drop_repeats(rows: RawLog) -> list[Correction]:
     step = np.zeros(len(same))
     for x in rows.data["q"].T:
         np.maximum(step[1:], _changes(x, rows.run), out=step[1:])
-    for start, end in _runs(same):
+    for start, end in runs(same):
         if end - start <= MOST_REPEATS:
             drop[start:end] = alive[start:end].any()
         elif end < len(same):
@@ -273,10 +273,10 @@ def spread_held(rows: RawLog) -> list[Correction]:
 
 def longest_run(flags: Bools) -> int:
     """Return the length of the longest run of True."""
-    return max((end - start for start, end in _runs(flags)), default=0)
+    return max((end - start for start, end in runs(flags)), default=0)
 
 
-def _runs(flags: Bools) -> list[tuple[int, int]]:
+def runs(flags: Bools) -> list[tuple[int, int]]:
     """Return the first row of each run of True, and the row after it."""
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
@@ -312,7 +312,7 @@ def _through(t: Array, x: Array, good: Bools) -> Array:
 def _short(flags: Bools, most: int) -> Bools:
     """Return the flags without runs longer than ``most``: there the arm rests."""
     short = flags.copy()
-    for start, end in _runs(flags):
+    for start, end in runs(flags):
         if end - start > most:
             short[start:end] = False
     return short

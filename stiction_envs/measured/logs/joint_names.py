@@ -68,12 +68,18 @@ class Reading(TypedDict, total=False):
 
 
 def naming_of(arm: Arm | None, reading: Reading) -> Naming:
-    """Return the names of joints, from an arm (None: no robot) and a caller's options."""
+    """Return the names of joints, from an arm (None: no robot) and a caller's options.
+
+    Raise a StictionError where the calibration is not there.
+    """
     given: dict[str, Any] = {k: x for k, x in reading.items() if k in Reading.__annotations__}
     given |= {k: tuple(given[k]) for k in ("joints", "columns") if k in given}
     if arm is not None:
         given |= {"robot": arm.joint_names, "whole": arm.whole, "held": arm.stated.held}
-    return Naming(**given)
+    naming = Naming(**given)
+    for file in (x for x in naming.files.values() if not x.is_file()):
+        raise StictionError(f"{file}: no such file: expected lerobot's calibration")
+    return naming
 
 
 def check_unnamed(where: str, naming: Naming) -> None:

@@ -20,7 +20,7 @@ SIDES = ("motor", "link")
 
 @dataclass(frozen=True)
 class LogSources:
-    """Logs in a result's provenance, by ``log1``, ``log2`` …, or another word, in their order."""
+    """Logs in a result's provenance, by ``log1``, ``log2`` …, ``check1`` … in their order."""
 
     names: dict[str, str]
     """File name, or the source of a log in memory."""
@@ -33,16 +33,11 @@ class LogSources:
         read = {k: v["sha256"] for k, v in provenance["inputs"].items()}
         return {k: self.in_memory.get(k) or read[k] for k in self.names}
 
-    def __or__(self, other: LogSources) -> LogSources:
-        """Return these and others, which have another word."""
-        return LogSources(
-            self.names | other.names, self.files | other.files, self.in_memory | other.in_memory
-        )
 
-
-def log_sources(logs: Sequence[str | Path | RobotLog], word: str = "log") -> LogSources:
-    """Return the sources of logs, named by ``word`` and number."""
-    named = {f"{word}{k}": log for k, log in enumerate(logs, 1)}
+def log_sources(logs: Sequence[Log], check: Sequence[Log] = ()) -> LogSources:
+    """Return the sources of logs and of check logs."""
+    named = {f"log{k}": log for k, log in enumerate(logs, 1)}
+    named |= {f"check{k}": log for k, log in enumerate(check, 1)}
     in_memory = {k: log for k, log in named.items() if isinstance(log, RobotLog)}
     paths = {k: Path(log.source if isinstance(log, RobotLog) else log) for k, log in named.items()}
     return LogSources(

@@ -22,7 +22,8 @@ from stiction_envs.experiments.sje.protocol import (
     load_protocol,
 )
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.measured import BaseTable, DitheredRow, thesis_base
+from stiction_envs.measured.tables import SJERow
+from stiction_envs.measured.thesis_tables import thesis_base
 from stiction_envs.robots import load_arm
 
 SETTINGS = ((80.0, 1.0), (50.0, 1.0), (30.0, 1.0), (15.0, 1.0), (30.0, 1.2), (15.0, 1.2))
@@ -90,41 +91,18 @@ def amplitude(where: Configuration, scale: float) -> float:
     return round(scale * abs(float(thesis_base("panda").tau[where.index])), 4)
 
 
-def tables(joints: list[int], *truths: Truth, seed: int) -> tuple[BaseTable, list[DitheredRow]]:
-    """Return the base table and the dithered torques of some joints (1..7), of one truth per joint.
-
-    The base torques of the other joints are the thesis's; no cause is hidden there.
-    """
-    tau = thesis_base("panda").tau.copy()
+def tables(joints: list[int], *truths: Truth, seed: int) -> list[SJERow]:
+    """Return the base and dithered torques of some joints (1..7), of one truth per joint."""
     rows = []
     for joint in joints:
         mine = next((t.at(joint) for t in truths if t.at(joint) != Truth()), Truth())
-        read = _read(joint, mine, seed)
-        for where in configurations(7, [joint]):
-            tau[where.index] = read[where, 0.0, 0.0]
-        for (where, frequency, scale), value in read.items():
-            if not frequency:
-                continue
-            base = float(tau[where.index])
+        for (where, frequency, scale), value in _read(joint, mine, seed).items():
             if mine.corrupted == (where.load, where.direction, frequency, scale):
                 value *= 0.06
-            row = DitheredRow(
-                robot="panda",
-                joint=joint,
-                load=where.load,
-                direction=where.direction,
-                frequency_hz=frequency,
-                scale=scale,
-                amplitude_nm=amplitude(where, scale),
-                tau_base_nm=base,
-                tau_sje_nm=value,
-                change_pct=100 * (value / base - 1),
-                table="hidden",
-                amplitude_set="scale",
-                outlier=False,
-            )
-            rows.append(row)
-    return BaseTable("panda", tau), rows
+            size = amplitude(where, scale) if frequency else 0.0
+            place = "panda", joint, where.load, where.direction
+            rows.append(SJERow(*place, frequency, size, value, np.nan, 1, np.nan))
+    return rows
 
 
 @lru_cache

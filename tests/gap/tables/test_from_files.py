@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Job
 from stiction_envs.friction.parameters import load_friction
@@ -17,6 +17,7 @@ from stiction_envs.gap.tables.data import read_tables
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import SETTINGS
+from tests.refusal import refusal
 
 ARM = load_arm("panda")
 KEYS = [(load, d) for load in ("load", "no_load") for d in "+-"]
@@ -48,43 +49,29 @@ def put(tmp_path):
 def test_base_and_dithered_torques_may_lie_in_several_files(put):
     """Files as `tune` writes them; a base torque in both counts once, each joint keeps its rows."""
     paths = [put("base.csv", base(5) + base(7, tau=0.7)), put("scale.csv", base(5) + dithered(5))]
-    table, cells = read_tables(paths, ARM)
-    assert table.tau.shape == (7, 2, 2)
-    np.testing.assert_array_equal(table.tau[4], [[0.8, -0.8], [0.8, -0.8]])
-    np.testing.assert_array_equal(table.tau[6], [[0.7, -0.7], [0.7, -0.7]])
-    assert len(cells) == 4
-    row = cells[1]
-    assert (row.joint, row.load, row.direction) == (5, "load", "-")
-    assert row.scale == pytest.approx(1.2)
-    assert row.change_pct == pytest.approx(-25.0)
-    assert (row.tau_base_nm, row.tau_sje_nm) == (-0.8, -0.6)
+    assert read_tables(paths, ARM) == base(5) + dithered(5)
 
 
 def test_rows_of_other_robots_are_left_out(put):
     rows = base(5) + dithered(5) + base(5, "iiwa7", tau=2.0) + dithered(5, "iiwa7")
-    table, cells = read_tables([put("a.csv", rows)], ARM)
-    assert table.tau[4, 0, 0] == 0.8
-    assert {x.robot for x in cells} == {"panda"}
-    iiwa, _ = read_tables([put("b.csv", base(5, "iiwa") + dithered(5, "iiwa"))], load_arm("iiwa7"))
-    assert iiwa.robot == "iiwa7"  # as the thesis calls it
+    assert read_tables([put("a.csv", rows)], ARM) == base(5) + dithered(5)
+    rows = base(5, "iiwa") + dithered(5, "iiwa")  # as the thesis calls it
+    assert read_tables([put("b.csv", rows)], load_arm("iiwa7")) == rows
 
 
 @pytest.mark.parametrize(
     ("rows", "says"),
     [
         (base(5) + base(5, tau=0.9) + dithered(5), "is 0.9 N·m and 0.8 N·m: expected one"),
-        (base(5)[:3] + dithered(5)[:3], "no base torque in no_load -: expected all four"),
-        (base(5)[:3] + dithered(5), "joint 5, no_load - has dithered torques: expected its base"),
-        (base(5, tau=0.0) + dithered(5), "expected its base torque too, not 0"),
+        (base(5)[:3] + dithered(5), "but no base torque in no_load -: expected all four"),
+        (base(5, tau=0.0) + dithered(5), "no base torque in load +: expected all four, not 0"),
         (base(5), "expected rows with dither too"),
         (base(5, "ur5") + dithered(5, "ur5"), "torques of ur5: expected robot panda"),
         (base(8) + dithered(8), "joint 8: panda has 7"),
     ],
 )
 def test_unusable_tables_are_refused(put, rows, says):
-    with pytest.raises(StictionError, match=says.replace("(", r"\(")) as caught:
-        read_tables([put("a.csv", rows)], ARM)
-    assert "\n" not in str(caught.value)
+    refusal(lambda: read_tables([put("a.csv", rows)], ARM), re.escape(says))
 
 
 @pytest.mark.slow

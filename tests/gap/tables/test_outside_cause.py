@@ -34,10 +34,9 @@ def outside():
 @pytest.mark.slow
 def test_a_registered_cause_is_found_reported_and_put_into_the_model(outside, tmp_path):
     arm, truth = load_arm("panda"), Truth(joint=7, rotor_inertia=2.0)
-    measured = tables([7], truth, seed=1)
     whole = WholeArm(arm, nominal(), protocol=protocol())
     assert outside in registered()
-    d = diagnose_tables(*measured, whole, causes=[outside])
+    d = diagnose_tables(tables([7], truth, seed=1), whole, causes=[outside])
     (found,) = d.causes
     assert (found.name, found.joints) == ("heavier_gear", (7,))
     assert found.parameters[7]["factor"].value == pytest.approx(2.0, abs=0.1)

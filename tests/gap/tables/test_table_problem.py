@@ -61,15 +61,6 @@ def test_a_score_is_the_density_at_the_likeliest_errors(problem, drawn):
     assert problem.score([ONE, OTHER]) == pytest.approx(sum(best) - 2 * 2.0, rel=1e-6)
 
 
-def test_gains_are_differences_of_scores(problem):
-    gains = problem.gains([ONE], [[OTHER], [BOTH]])
-    now = problem.score([ONE])
-    scores = [problem.score([ONE, OTHER]), problem.score([ONE, BOTH])]
-    np.testing.assert_allclose(gains, np.array(scores) - now, rtol=1e-6)
-    (loss,) = problem.losses([ONE])
-    assert loss == pytest.approx(now - problem.score([]), rel=1e-9)
-
-
 def test_a_fold_that_is_held_out_has_no_part(problem, drawn):
     """The fit without a fold is that of a table which lacks its readings."""
     lacking = TableProblem([Cells(r[f != 2], f[f != 2], FOLDS) for _, r, f in drawn], np.empty(0))

@@ -95,7 +95,7 @@ def test_commands_make_a_servo_log(tmp_path: Path) -> None:
     held = Q[np.arange(len(T)) // 2 * 2] + 0.01
     assert log.q_cmd == pytest.approx(held, abs=1e-6)
     assert log.tau is None
-    refuses(lambda: torque_log(path), "no topic state/JointTorque: expected it beside")
+    refuses(lambda: torque_log(path), "no messages of state/JointTorque: expected some beside")
 
 
 def test_two_arms(tmp_path: Path) -> None:
@@ -116,9 +116,9 @@ def test_joint_states_beside_them_are_preferred(tmp_path: Path) -> None:
 def test_what_is_no_such_log(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "log", "bag", arm())
     refuses(lambda: torque_log(path, 6), "7 joints, but the robot has 6")
-    refuses(lambda: servo_log(path), "no topic command/JointPosition")
+    refuses(lambda: servo_log(path), "no messages of command/JointPosition")
     silent = {"/iiwa/state/JointTorque": "iiwa_msgs/msg/JointTorque"}
     path = write_bag(tmp_path / "silent", "bag", stream("JointPosition", Q), silent=silent)
-    refuses(lambda: torque_log(path), "/iiwa/state/JointTorque: no messages")
+    refuses(lambda: torque_log(path), "no messages of state/JointTorque")
     states = write_bag(tmp_path / "states", "bag", joint_states(VALUES))
     refuses(lambda: servo_log(states), "no topics with commanded positions")

@@ -75,16 +75,14 @@ def assert_runs_of_a_joint(log: JointLog) -> str:
     unused, lag = log.warnings
     assert unused == "columns not used: 'segment'"
     assert "lags the derivative of q" in lag
-    assert "low-passed" in lag
     return lag
 
 
 def test_runs_of_one_file_stay_apart(tmp_path: Path) -> None:
     (log,) = read_logs([sweeps(tmp_path / "joint2.csv", 2)], 7, limits=IIWA)
     lag = assert_runs_of_a_joint(log)
-    # a low-pass of 20 ms, 8 Hz
+    # a low-pass of 20 ms
     assert number(lag, " by ", " ms") == pytest.approx(20, rel=0.2)
-    assert number(lag, "near ", " Hz") == pytest.approx(8, rel=0.2)
 
 
 def test_iiwa_defects_are_found() -> None:

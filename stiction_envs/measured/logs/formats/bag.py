@@ -4,8 +4,18 @@ Read with `rosbags`, which needs no ROS. One topic is read: the only one with st
 joints and torques, or the one asked for. Messages with none of the arm's joints (a gripper that
 publishes to the same topic) are left out. A message with only some of them is an error: the
 others are then unknown. Commanded positions are those of a trajectory controller's state, else of
-a topic of commands beside the states, and hold until the next one. Bags of iiwa_stack have a topic
-for each quantity (`iiwa_stack`).
+a topic of commands beside the states, and hold until the next one. Bags of iiwa_stack (ROS 1) have
+a topic for each quantity; torques and speeds with other stamps are interpolated, but not over a
+gap:
+
+| topic | becomes |
+|---|---|
+| ``NAME/state/JointPosition`` (``iiwa_msgs/JointPosition``) | ``q``, and the time of the rows |
+| ``NAME/state/JointTorque``, ``NAME/state/JointVelocity`` | ``tau`` behind the gear, ``dq`` |
+| ``NAME/command/JointPosition`` | ``q_cmd`` |
+
+``ExternalJointTorque`` is what the controller makes of torques and model, and is not read.
+Source: IFL-CAMP/iiwa_stack, iiwa_msgs/msg, iiwa_ros/src/state.
 """
 
 from __future__ import annotations
@@ -25,7 +35,6 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.formats import iiwa_stack
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size, held
 from stiction_envs.measured.logs.formats.messages import (
     BY_TYPE,
@@ -41,32 +50,25 @@ from stiction_envs.measured.logs.joint_names import Naming, find_joints
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
-METADATA = "metadata.yaml"
-"""In every folder that ROS 2 records into."""
 _PEEK = 1000  # messages that show who publishes to a topic; assumed
 MOST_REASON = 200  # most characters of another library's message, cut between words; assumed
 MOST_STEPS = 5.0  # torques further apart than this many usual steps are a gap; assumed
 _NS = 10**9
+_IIWA_TOPICS = {
+    "/state/Joint": {"Position": "q", "Torque": "tau", "Velocity": "dq"},
+    "/command/Joint": {"Position": "q_cmd"},
+}
 
 
 class RosBag(LogFormat):
     """A recording of ROS."""
 
     ends: ClassVar = (".bag", ".mcap", ".db3")
-
-    def matches_folder(self, path: Path) -> bool:
-        """Return whether ROS 2 recorded into it."""
-        return (path / METADATA).is_file()
+    inside: ClassVar = ("metadata.yaml",)
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         with _open(where) as reader:
-            topics = _iiwa_stack(where, reader, wanted.naming)
-            if topics:
-                return _read_iiwa(where, reader, topics, wanted)
-            if wanted.drive == TORQUE:
-                topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
-                return _log(where, _stream(where, reader, topic, kind, wanted, "tau"), wanted)
-            return _read_servo(where, reader, wanted)
+            return _read(where, reader, wanted)
 
     def names(self, where: str, naming: Naming) -> list[str]:
         with _open(where) as reader:
@@ -103,13 +105,26 @@ class _Stream:
 
 def _iiwa_stack(where: str, reader: AnyReader, naming: Naming) -> dict[str, str]:
     """Return the topics of iiwa_stack's arm, by channel; none where other states are there."""
-    types = {c.topic: str(c.msgtype) for c in reader.connections}
-    found = iiwa_stack.arms(types)
-    if not found or any(c.msgtype in BY_TYPE and c.msgcount for c in reader.connections):
-        asked = {t for topics in found.values() for t in topics.values()}
-        if naming.topic not in asked:
-            return {}
-    return iiwa_stack.arm_of(where, found, naming.topic)
+    arms: dict[str, dict[str, str]] = {}
+    filled = [c for c in reader.connections if c.msgcount]
+    for c in filled:
+        quantity = str(c.msgtype).removeprefix("iiwa_msgs/msg/Joint")
+        for part, channels in _IIWA_TOPICS.items():
+            name, _, end = c.topic.partition(part)
+            if quantity in channels and end == quantity:
+                arms.setdefault(name, {})[channels[quantity]] = c.topic
+    arms = {name: topics for name, topics in arms.items() if "q" in topics}
+    for topics in arms.values():
+        if naming.topic in topics.values():
+            return topics
+    if naming.topic is not None or any(c.msgtype in BY_TYPE for c in filled):
+        return {}
+    if len(arms) > 1:
+        states = ", ".join(topics["q"] for topics in arms.values())
+        raise StictionError(
+            f"{where}: several arms: {states}: expected one; name a topic of the arm"
+        )
+    return next(iter(arms.values()), {})
 
 
 @contextmanager
@@ -177,18 +192,13 @@ def _topic(
     where: str, reader: AnyReader, n_joints: int | None, naming: Naming, drive: str = TORQUE
 ) -> tuple[str, Kind]:
     """Return the topic with the arm's states: where torque drives, with torques."""
-    types = {c.topic: c.msgtype for c in reader.connections}
+    types = {c.topic: str(c.msgtype) for c in reader.connections}
     known = {k: BY_TYPE[v] for k, v in types.items() if v in BY_TYPE}
-    counts = {k: sum(c.msgcount for c in reader.connections if c.topic == k) for k in known}
     if naming.topic is not None:
         if naming.topic not in types:
             raise StictionError(f"{where}: {unknown('topic', naming.topic, known or types)}")
-        if naming.topic not in known:
-            raise StictionError(
-                f"{where}, {naming.topic}: holds {types[naming.topic]}: expected one of "
-                f"{', '.join(BY_TYPE)}"
-            )
-        known = {naming.topic: known[naming.topic]}
+        types = {naming.topic: types[naming.topic]}
+        known = {k: v for k, v in known.items() if k in types}
     if not known:
         shown = ", ".join(f"{k} ({v})" for k, v in islice(types.items(), 5)) or "none"
         more = f" and {len(types) - 5} more" if len(types) > 5 else ""
@@ -202,11 +212,12 @@ def _topic(
                 f"{where}, {topic}: the bag does not describe {types[topic]}: expected one of "
                 "sensor_msgs/msg/JointState, or a bag recorded with ROS 2 Iron or later"
             )
-    filled = {k: v for k, v in known.items() if counts[k]}
+    said = {c.topic for c in reader.connections if c.msgcount}
+    filled = {k: v for k, v in known.items() if k in said}
     if not filled:
         raise StictionError(f"{where}, {next(iter(known))}: no messages: expected one second")
     for prefer in (
-        {k for k in filled if not is_command(k, str(types[k]))},
+        {k for k in filled if not is_command(k, types[k])},
         {k for k, v in filled.items() if bool(v.q_cmd) == (drive == POSITION)},
     ):
         filled = {k: v for k, v in filled.items() if k in prefer} or filled
@@ -224,14 +235,48 @@ def _topic(
     )
 
 
-def _read_servo(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
-    """Return the log of an arm with the commands that its topic of states has, or another."""
+def _read(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
+    """Return the log of an arm: its topic of states, and others that are put beside it."""
+    n, needed = wanted.n_joints, "tau" if wanted.drive == TORQUE else "q_cmd"
+    iiwa = _iiwa_stack(where, reader, wanted.naming)
+    if iiwa and needed not in iiwa:
+        name = {"tau": "state/JointTorque", "q_cmd": "command/JointPosition"}[needed]
+        raise StictionError(f"{where}: no messages of {name}: expected some beside {iiwa['q']}")
+    others = {k: (x, IIWA) for k, x in iiwa.items() if k != "q_cmd" or needed == k}
+    others = others or _states_and_commands(where, reader, wanted)
+    topic, kind = others.pop("q")
+    states = _stream(where, reader, topic, kind, wanted, "q" if needed in others else needed)
+    keep, notes = np.ones(len(states.marks), bool), []
+    for channel, (name, of) in others.items():
+        other = _stream(where, reader, name, of, wanted)
+        rows, clock = _put_beside(states, channel, other)
+        keep &= rows
+        if channel == "q_cmd":
+            text = f"{name}: commanded positions, each holds until the next"
+            text += "; by the times of their recording" * clock
+            assumed = f"; in the order of joints 1 to {n} (assumed)"
+            notes.append(text + assumed * (not (iiwa or other.joints)))
+    if others and not keep.any():
+        raise StictionError(
+            f"{where}: no state has {' and '.join(others)} beside it: expected some"
+        )
+    states.keep(keep)
+    log = _log(where, states, wanted, iiwa.get("tau", kind.torque))
+    for text in notes:
+        log.note(text)
+    return log
+
+
+def _states_and_commands(
+    where: str, reader: AnyReader, wanted: Wanted
+) -> dict[str, tuple[str, Kind]]:
+    """Return the topic of an arm's states, and of commands that are needed and not in it."""
     n, naming, told = wanted.n_joints, wanted.naming, _topics(reader, COMMAND_KINDS, commands=True)
-    if naming.topic in told:
+    if wanted.drive == POSITION and naming.topic in told:
         told, naming = {naming.topic: told[naming.topic]}, replace(naming, topic=None)
-    topic, kind = _topic(where, reader, n, naming, POSITION)
-    if kind.q_cmd:
-        return _log(where, _stream(where, reader, topic, kind, wanted, "q_cmd"), wanted)
+    states = _topic(where, reader, n, naming, wanted.drive)
+    if wanted.drive == TORQUE or states[1].q_cmd:
+        return {"q": states}
     told = {k: v for k, v in told.items() if _peek(reader, k, v)[1] >= n}
     if len(told) != 1:
         raise StictionError(
@@ -239,41 +284,7 @@ def _read_servo(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
             f"{': ' * bool(told)}{', '.join(told)}: expected one of a JointState or "
             "Float64MultiArray whose name says command, or a trajectory controller's state"
         )
-    states = _stream(where, reader, topic, kind, wanted)
-    name = next(iter(told))
-    commands = _stream(where, reader, name, told[name], wanted)
-    keep, clock = _put_beside(states, "q_cmd", commands)
-    if not keep.any():
-        raise StictionError(f"{where}, {name}: no command before the last state: expected some")
-    states.keep(keep)
-    log = _log(where, states, wanted)
-    log.note(
-        f"{name}: commanded positions, each holds until the next"
-        + "; by the times of their recording" * clock
-        + ("" if commands.joints else f"; in the order of joints 1 to {n} (assumed)")
-    )
-    return log
-
-
-def _read_iiwa(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: Wanted) -> RawLog:
-    """Return the log of an arm of iiwa_stack, whose ``topics`` are by channel."""
-    needed = "tau" if wanted.drive == TORQUE else "q_cmd"
-    if needed not in topics:
-        name = {"tau": "state/JointTorque", "q_cmd": "command/JointPosition"}[needed]
-        raise StictionError(f"{where}: no topic {name}: expected it beside {topics['q']}")
-    used = {k: v for k, v in topics.items() if k != "q_cmd" or wanted.drive == POSITION}
-    streams = {k: _stream(where, reader, topic, IIWA, wanted) for k, topic in used.items()}
-    for k in [k for k, stream in streams.items() if not len(stream.marks)]:
-        if k != "dq":
-            raise StictionError(f"{where}, {used[k]}: no messages: expected one second")
-        del streams[k]
-    states = streams.pop("q")
-    keep = np.ones(len(states.marks), bool)
-    for k, stream in streams.items():
-        keep &= _put_beside(states, k, stream)[0]
-    states.keep(keep)
-    states.kind = replace(IIWA, tau=used.get("tau", ""))
-    return _log(where, states, wanted)
+    return {"q": states, "q_cmd": next(iter(told.items()))}
 
 
 def _put_beside(states: _Stream, channel: str, other: _Stream) -> tuple[Bools, int]:
@@ -333,8 +344,8 @@ def _stream(
     return _Stream(topic, kind, joints, np.array(marks, np.int64).reshape(-1, 3), data, others)
 
 
-def _log(where: str, stream: _Stream, wanted: Wanted) -> RawLog:
-    """Return a log with the rows of a topic."""
+def _log(where: str, stream: _Stream, wanted: Wanted, torque: str) -> RawLog:
+    """Return a log with the rows of a topic; ``torque`` is where its torques are from."""
     place, (stamps, times, numbers) = f"{where}, {stream.topic}", stream.marks.T
     log = RawLog(
         source=where,
@@ -354,7 +365,7 @@ def _log(where: str, stream: _Stream, wanted: Wanted) -> RawLog:
         log.t, log.origin = (stamps - stamps[0]).astype(np.float64) / _NS, int(stamps[0]) / _NS
     text = stream.topic
     if "tau" in stream.data:
-        text += f": tau is {stream.kind.torque}" + ", measured behind the gear" * bool(log.side)
+        text += f": tau is {torque}" + ", measured behind the gear" * bool(log.side)
     if stream.joints:
         text += f"; joints 1 to {wanted.n_joints} are {', '.join(stream.joints)}"
     else:

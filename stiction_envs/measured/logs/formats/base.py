@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,12 +35,10 @@ class LogFormat(ABC):
 
     ends: ClassVar[tuple[str, ...]]
     """Ends of the names of such files, with the dot."""
+    inside: ClassVar[tuple[str, ...]] = ()
+    """Files in a folder of this kind; () for files only."""
     has_units: ClassVar[bool] = False
     """Whether its reader brings angles to rad; else its angles are those of `Naming.units`."""
-
-    def matches_folder(self, path: Path) -> bool:
-        """Return whether a folder is of this kind."""
-        return False
 
     @abstractmethod
     def read(self, where: str, wanted: Wanted) -> RawLog:

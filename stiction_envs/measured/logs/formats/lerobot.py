@@ -36,8 +36,7 @@ from stiction_envs.reporting.json_text import JsonRecord
 if TYPE_CHECKING:
     from pyarrow import ChunkedArray
 
-INFO = Path("meta", "info.json")
-"""In every such folder."""
+INFO = "meta/info.json"
 STATE, ACTION = "observation.state", "action"
 MOST_INFO_BYTES = 2**24  # most bytes of ``meta/info.json``; assumed
 NOMINAL = 1e-3
@@ -52,11 +51,8 @@ class LeRobotDataset(LogFormat):
     """Folder that lerobot records into."""
 
     ends: ClassVar = ()
+    inside: ClassVar = (INFO,)
     has_units: ClassVar = True
-
-    def matches_folder(self, path: Path) -> bool:
-        """Return whether lerobot recorded into it."""
-        return (path / INFO).is_file()
 
     def names(self, where: str, naming: Naming) -> list[str]:
         features = _Features(where)
@@ -109,7 +105,7 @@ class _Features:
     """Facts about a dataset in its ``meta/info.json``."""
 
     def __init__(self, where: str) -> None:
-        path = Path(where) / INFO
+        path = Path(where, INFO)
         refuse_pointer(path)
         with opening(path, "lerobot's info.json"):
             if path.stat().st_size > MOST_INFO_BYTES:

@@ -149,7 +149,7 @@ BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
 COMMAND_KINDS = {_STATE: BY_TYPE[_STATE], _ARRAY: Kind((_ARRAY,), "data", stamp=())}
 """Types of commands under a topic of their own."""
 IIWA = Kind(IIWA_TYPES, "position|velocity|torque", link_side=True)
-"""One quantity of an arm, whatever it is (`iiwa_stack`)."""
+"""One quantity of an arm of iiwa_stack, whatever it is."""
 
 
 def is_command(topic: str, kind: str) -> bool:

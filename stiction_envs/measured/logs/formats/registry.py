@@ -65,5 +65,6 @@ def format_of(path: Path) -> LogFormat | None:
     """Return the kind of a file by its name; of a folder by what is in it."""
     _load_entry_points()
     if path.is_dir():
-        return next((f for f in _formats if f.matches_folder(path)), None)
+        kinds = (f for f in _formats if f.inside)
+        return next((f for f in kinds if all((path / x).is_file() for x in f.inside)), None)
     return next((f for f in _formats if path.name.lower().endswith(f.ends)), None)

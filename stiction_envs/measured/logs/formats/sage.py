@@ -9,18 +9,16 @@ Source: isaac-sim2real/sage, sage/real_so101/so101_lerobot_collector.py, sage/re
 
 from __future__ import annotations
 
-import csv
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import StictionError, opening
+from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import is_unsigned
-from stiction_envs.measured.csv_text import refuse_pointer
+from stiction_envs.measured.csv_text import read_lines, read_text
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import (
     LogFormat,
@@ -34,6 +32,9 @@ from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
 from stiction_envs.measured.logs.units import PERCENT, RADIANS, is_gripper, to_radians
 
 COMMANDS, STATES, NAMES = "control.csv", "state_motor.csv", "joint_list.txt"
+OTHERS = ("velocities", "torques")
+"""Optional columns."""
+MOST_BYTES = 2**28  # most bytes of a file; assumed: hours
 _PER_SECOND = 1e6
 
 
@@ -41,11 +42,8 @@ class SageFolder(LogFormat):
     """Folder that SAGE's collectors write for one motion."""
 
     ends: ClassVar = ()
+    inside: ClassVar = (COMMANDS, STATES)
     has_units: ClassVar = True
-
-    def matches_folder(self, path: Path) -> bool:
-        """Return whether both files are in it."""
-        return (path / COMMANDS).is_file() and (path / STATES).is_file()
 
     def names(self, where: str, naming: Naming) -> list[str]:
         states = _table(Path(where, STATES))
@@ -107,11 +105,7 @@ def _names(where: str, n: int) -> list[str]:
     path = Path(where, NAMES)
     if not path.is_file():
         return [f"joint{j + 1}" for j in range(n)]
-    try:
-        with path.open(encoding="utf-8") as file:
-            names = [x.strip() for x in file.read(2**16).splitlines() if x.strip()]
-    except (OSError, UnicodeDecodeError):
-        names = []
+    names = read_text(path).split()
     if len(names) != n or len(set(names)) != n:
         raise StictionError(f"{path}: {len(names)} names: expected those of {n} joints, one a line")
     return names
@@ -119,47 +113,21 @@ def _names(where: str, n: int) -> list[str]:
 
 def _table(path: Path) -> dict[str, Array]:
     """Read ``timestamp`` (T,) and lists of joints (T, n) by their columns."""
+    check_bytes(str(path), path.stat().st_size, MOST_BYTES)
     parts: dict[str, list[list[float]]] = {}
     stamps: list[float] = []
-    for number, row in _rows(path):
+    for line in read_lines(path, ("type", "timestamp", "positions"), OTHERS):
         try:
-            stamps.append(float(row["timestamp"]))
-            for name in ("positions", "velocities", "torques"):
-                if name in row:
-                    values = [float(x) for x in json.loads(row[name])]
+            stamps.append(float(line.fields["timestamp"]))
+            for name in ("positions", *OTHERS):
+                if name in line.fields:
+                    values = [float(x) for x in json.loads(line.fields[name])]
                     parts.setdefault(name, []).append(values)
-        except (ValueError, TypeError, KeyError, RecursionError):
-            raise StictionError(
-                f"{path}, line {number}: no time [µs] and lists of numbers: expected "
-                "type,timestamp,positions as SAGE writes them"
-            ) from None
+        except (ValueError, TypeError, RecursionError):
+            raise line.error("no time [µs] and lists of numbers: expected SAGE's rows") from None
         check_size(str(path), len(stamps), 1 + sum(len(x[0]) for x in parts.values()))
-    if not stamps:
-        raise StictionError(f"{path}: no rows: expected one second or more")
-    if "positions" not in parts:
-        raise StictionError(f"{path}: missing column 'positions': expected SAGE's columns")
-    n = len(parts["positions"][0])
-    for name, lists in parts.items():
-        bad = next((i for i, x in enumerate(lists) if len(x) != n), None)
-        if bad is not None or len(lists) != len(stamps) or not n:
-            raise StictionError(
-                f"{path}, line {(bad or 0) + 2}: {name} of other joints than above: expected {n} "
-                "values in every row"
-            )
+        n = len(parts["positions"][0])
+        for name, lists in parts.items():
+            if len(lists[-1]) != n or not n:
+                raise line.error(f"{name} of other joints than above: expected {n or 'some'}")
     return {"timestamp": np.array(stamps), **{k: np.array(x) for k, x in parts.items()}}
-
-
-def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Return rows by column, each with the number of its line."""
-    refuse_pointer(path)
-    try:
-        with opening(path, "SAGE's CSV in UTF-8"):
-            check_bytes(str(path), path.stat().st_size)
-            with path.open(encoding="utf-8", newline="") as file:
-                reader = csv.DictReader(file)
-                for row in reader:
-                    yield reader.line_num, {k: v for k, v in row.items() if k and v is not None}
-    except (UnicodeDecodeError, csv.Error):
-        raise StictionError(
-            f"{path}: no text between commas: expected SAGE's CSV in UTF-8"
-        ) from None
