@@ -1,6 +1,6 @@
 """Sensor errors, delays and lost cycles of the controllers of N arms.
 
-    joints --lag of the logged speed--> delay + jitter --noise--> resolution --> q, dq, torque
+    joints --lag of the logged speed--> delay --noise--> resolution --> q, dq
     command --some cycles lost--> delay --> torque path
 
 Sensors are read, and commands sent, once per controller cycle; in between both are held. The speed
@@ -25,7 +25,6 @@ from stiction_envs.control.sensing_kernels import (
     begin_arm,
     send_block,
     sense_block,
-    uniform,
 )
 from stiction_envs.control.torque_path import low_pass_gain
 from stiction_envs.errors import StictionError, checked_array, unknown
@@ -36,17 +35,14 @@ from stiction_envs.robots.registry import ARMS
 
 Numbers = float | tuple[float, ...]  # One number for all joints, or one per joint
 SPEEDS = ("logged", "difference")
-LONGEST = 0.1  # Longest delay, jitter or lag that is simulated [s]; assumed
-PER_JOINT = (
-    *("angle_resolution", "angle_noise", "speed_lag", "speed_noise"),
-    *("torque_resolution", "torque_noise", "torque_offset"),
-)
+LONGEST = 0.1  # Longest delay or lag that is simulated [s]; assumed
+PER_JOINT = ("angle_resolution", "angle_noise", "speed_lag", "speed_noise")
 """Fields of `Sensing` that may have one number per joint."""
-_MOST = {"missed_cycles": 1.0, "spread": 1.0} | dict.fromkeys(
-    ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
+_MOST = {"missed_cycles": 1.0} | dict.fromkeys(
+    ("measurement_delay", "command_delay", "speed_lag"), LONGEST
 )
 FINEST = 1e-12
-"""Finest resolution other than 0 [rad, N·m]; assumed: rounding errors are not far below."""
+"""Finest resolution other than 0 [rad]; assumed: rounding errors are not far below."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,15 +59,9 @@ class Sensing:
     """Standard deviation of white noise on a logged speed, per joint [rad/s]."""
     speed_cutoff: float = 0.0
     """Corner of the low-pass of first order behind the difference of angles [Hz]; 0 is none."""
-    torque_resolution: Numbers = 0.0  # Step of the joint torques read, per joint [N·m]
-    torque_noise: Numbers = 0.0  # Standard deviation of white noise on them, per joint [N·m]
-    torque_offset: Numbers = 0.0
-    """Standard deviation of their offset, drawn once per simulation and joint [N·m]."""
     measurement_delay: float = 0.0  # Age of what is read [s]
-    measurement_jitter: float = 0.0  # Readings are older by up to this, uniform per cycle [s]
     command_delay: float = 0.0  # Time until a command acts [s]
     missed_cycles: float = 0.0  # Share of cycles whose command is lost: the one before is held [-]
-    spread: float = 0.0  # Noise and delays are times a factor per simulation within 1 ± this [-]
 
     def __post_init__(self) -> None:
         if self.speed not in SPEEDS:
@@ -81,7 +71,7 @@ class Sensing:
                 continue
             value = self._checked(field.name)
             good = (value >= 0) & np.isfinite(value) & (value <= _MOST.get(field.name, np.inf))
-            if field.name in ("missed_cycles", "spread"):
+            if field.name == "missed_cycles":
                 good &= value < 1
             if field.name.endswith("resolution"):
                 good &= (value == 0) | (value >= FINEST)
@@ -106,7 +96,7 @@ class Sensing:
     @property
     def is_ideal(self) -> bool:
         """True if no error is simulated, so nothing is computed."""
-        return self == Sensing(spread=self.spread)
+        return self == Sensing()
 
     def of_joint(self, name: str, n: int) -> Array:
         """Return the numbers (n,) of a field; raise a StictionError for another count of joints."""
@@ -179,7 +169,9 @@ def _steps(seconds: float) -> float:
     return round(seconds / CONTROL_DT, 9)
 
 
-FACTOR = 63  # Channel of an arm's factor, which is drawn with control step 0
+def _room(seconds: float) -> int:
+    """Return how many control steps the past of a delay needs."""
+    return int(np.ceil(_steps(seconds))) + 2
 
 
 class Senses:
@@ -196,62 +188,45 @@ class Senses:
         sensing.check(n)
         self.sensing, self._hold = sensing, hold_steps
         s, cycle = sensing, hold_steps * CONTROL_DT
-        seed, scale = np.zeros(nsim, dtype=np.uint64), np.ones(nsim)
-        past = np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n))
-        self.q, self.dq, self.torque = np.zeros((3, nsim, n))
-        """(N, n) what the controller has: angles [rad], speeds [rad/s], torques [N·m]."""
+        seed = np.zeros(nsim, dtype=np.uint64)
+        self.q, self.dq = np.zeros((2, nsim, n))
+        """(N, n) what the controller has: angles [rad], speeds [rad/s]."""
         lag = s.of_joint("speed_lag", n) if s.speed == "logged" else np.zeros(n)
         noise = s.of_joint("speed_noise", n) if s.speed == "logged" else np.zeros(n)
-        self._offset = s.of_joint("torque_offset", n)
         self.arrays = Measured(
             speed_by_difference=s.speed == "difference",
             cycle=cycle,
             speed_gain=low_pass_gain(s.speed_cutoff, cycle),
             delay=_steps(s.measurement_delay),
-            jitter=_steps(s.measurement_jitter),
             # delays slow motion by exactly the lag
             lag_gain=CONTROL_DT / (CONTROL_DT + lag),
             angle_noise=s.of_joint("angle_noise", n),
             angle_resolution=s.of_joint("angle_resolution", n),
             speed_noise=noise,
-            torque_noise=s.of_joint("torque_noise", n),
-            torque_resolution=s.of_joint("torque_resolution", n),
-            torque_offset=np.zeros((nsim, n)),
-            scale=scale,
             seed=seed,
-            past=past,
+            past=np.zeros((nsim, _room(s.measurement_delay), 2, n)),
             q=self.q,
             dq=self.dq,
-            torque=self.torque,
         )
         self.sent = Sent(
             missed=s.missed_cycles,
             delay=_steps(s.command_delay),
-            scale=scale,
             seed=seed,
             held=np.zeros((nsim, n)),
-            past=np.zeros((nsim, self._room(s.command_delay), n)),
+            past=np.zeros((nsim, _room(s.command_delay), n)),
             arrived=np.zeros((nsim, n)),
         )
         """Both are arrays of compiled functions, always the same objects; ``arrived`` (N, n) is
         what acts since the last command arrived [N·m]."""
 
-    def _room(self, *seconds: float) -> int:
-        """Return how many control steps a past of these times needs."""
-        return int(np.ceil((1.0 + self.sensing.spread) * _steps(sum(seconds)))) + 2
-
     def reset(self, ids: Index, q: Array, seeds: ArrayLike) -> None:
         """Let arms ``ids`` have rested at q (M, n) [rad] for long: averaged, without torque.
 
-        ``seeds`` (M,) are whole numbers below 2⁶⁴, from which noise and delays are drawn.
+        ``seeds`` (M,) are whole numbers below 2⁶⁴, from which noise and lost cycles are drawn.
         """
-        seed, spread = self.arrays.seed, self.sensing.spread
-        seed[ids] = np.asarray(seeds, dtype=np.uint64)
-        if spread > 0:
-            drawn = np.array([uniform(s, 0, FACTOR) for s in seed[ids]])
-            self.arrays.scale[ids] = 1.0 + spread * (2.0 * drawn - 1.0)
+        self.arrays.seed[ids] = np.asarray(seeds, dtype=np.uint64)
         for row, i in enumerate(ids):
-            begin_arm(i, q[row], self._offset, self.arrays)
+            begin_arm(i, q[row], self.arrays)
         self.hold(ids, 0.0)
 
     def hold(self, ids: Index, torque: Array | float) -> None:

@@ -142,7 +142,6 @@ class Rig:
             parameters=parameters,
             threads=experiment.threads,
             closed_loop=closed_loop,
-            senses_torque=closed_loop and not experiment.sensing.is_ideal,
         )
         self.approach_numbers = approach
         self.nsim, self.n = nsim, sticking.n
