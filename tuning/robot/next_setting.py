@@ -22,14 +22,13 @@ def best_measured(posterior: Posterior, readings: Readings) -> int | None:
 
     None if no eligible setting was.
     """
-    measured = np.flatnonzero(readings.measured(len(posterior.mean)) & posterior.eligible)
+    measured = np.flatnonzero(readings.measured & posterior.eligible)
     return int(measured[posterior.mean[measured].argmin()]) if len(measured) else None
 
 
 def open_settings(readings: Readings, eligible: Bools) -> Bools:
     """Return (S,) whether a setting may be proposed: not fully measured, and nothing failed."""
-    done = readings.done(len(eligible)).all(axis=1)
-    return np.asarray(eligible & ~done & ~readings.failed(len(eligible)))
+    return np.asarray(eligible & ~readings.tried.all(axis=1) & ~readings.failed)
 
 
 def expected_improvement(posterior: Posterior, best: int | None) -> Array:
@@ -61,7 +60,7 @@ def next_settings(
         gain = expected_improvement(posterior, best_measured(posterior, readings))
         setting = int(np.where(free, gain, -np.inf).argmax())
         chosen.append(setting)
-        missing = np.flatnonzero(~readings.done(len(candidates))[setting])
+        missing = np.flatnonzero(~readings.tried[setting])
         readings = readings.with_rows(
             [(setting, int(c), float(posterior.cell_mean[setting, c])) for c in missing]
         )

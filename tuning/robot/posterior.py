@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Kernel
 
-from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 from tuning.settings import RobotSettings
 
@@ -78,54 +78,39 @@ class Candidates:
         return np.stack([x.ravel() for x in columns], axis=1).astype(float)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """M measured cells of one joint; a cell may occur several times."""
+    """M measured cells of one joint's S settings; a cell may occur several times."""
 
-    setting: Index
-    """(M,) from 0."""
-    configuration: Index
-    """(M,) 0…3."""
-    ratio: Array
-    """(M,) |τ|/|τ_base| [-]; NaN: the joint stuck, or the run failed."""
+    def __init__(self, settings: int, rows: Sequence[tuple[int, int, float]] = ()) -> None:
+        """Take rows of setting (from 0), configuration (0…3) and ratio |τ|/|τ_base| [-].
 
-    @classmethod
-    def of(cls, rows: Sequence[tuple[int, int, float]]) -> Readings:
-        """Return readings from (setting, configuration, ratio)."""
-        return cls(
-            setting=np.array([r[0] for r in rows], dtype=np.int64),
-            configuration=np.array([r[1] for r in rows], dtype=np.int64),
-            ratio=np.array([r[2] for r in rows], dtype=float),
-        )
-
-    def __len__(self) -> int:
-        return len(self.ratio)
-
-    @property
-    def valid(self) -> Bools:
-        """(M,) whether there is a number."""
-        return np.isfinite(self.ratio)
+        A ratio of NaN says that the joint stuck, or that the run failed.
+        """
+        self.settings, self.rows = settings, [*rows]
+        valid = [row for row in self.rows if np.isfinite(row[2])]
+        self.ratio = np.array([ratio for _, _, ratio in valid])
+        """Ratios that are numbers [-]."""
+        self.cell = np.array([4 * s + c for s, c, _ in valid], dtype=np.int64)
+        """Their cells, in the order of ``predicted.ravel()``."""
+        self.tried, self.known = np.zeros((2, settings, 4), dtype=bool)
+        """(S, 4) cells that were tried, and those that ever gave a number."""
+        for s, c, _ in self.rows:
+            self.tried[s, c] = True
+        self.known.ravel()[self.cell] = True
 
     def with_rows(self, rows: Sequence[tuple[int, int, float]]) -> Readings:
         """Return these readings with more rows."""
-        mine = zip(self.setting, self.configuration, self.ratio, strict=True)
-        return Readings.of([*((int(s), int(c), float(r)) for s, c, r in mine), *rows])
+        return Readings(self.settings, [*self.rows, *rows])
 
-    def done(self, settings: int) -> Bools:
-        """Return (S, 4) whether each cell was tried, measured or failed."""
-        out = np.zeros((settings, 4), dtype=bool)
-        out[self.setting, self.configuration] = True
-        return out
+    @property
+    def failed(self) -> Bools:
+        """(S,) whether a setting has a cell that was tried and never gave a number."""
+        return np.asarray((self.tried & ~self.known).any(axis=1))
 
-    def failed(self, settings: int) -> Bools:
-        """Return (S,) whether a setting has a cell that was tried and never gave a number."""
-        valid = np.zeros((settings, 4), dtype=bool)
-        valid[self.setting[self.valid], self.configuration[self.valid]] = True
-        return np.asarray((self.done(settings) & ~valid).any(axis=1))
-
-    def measured(self, settings: int) -> Bools:
-        """Return (S,) whether a setting has a number in all four configurations."""
-        return np.asarray(self.done(settings).all(axis=1) & ~self.failed(settings))
+    @property
+    def measured(self) -> Bools:
+        """(S,) whether a setting has a number in all four configurations."""
+        return np.asarray(self.known.all(axis=1))
 
 
 def discrepancy_kernel(s: RobotSettings) -> Kernel:
@@ -199,11 +184,10 @@ class Posterior:
 
 def posterior_of(candidates: Candidates, readings: Readings, s: RobotSettings) -> Posterior:
     """Return the posterior after some readings, without the failed ones; without any the prior."""
-    at = readings.setting[readings.valid] * 4 + readings.configuration[readings.valid]
-    m, prior = candidates.predicted.ravel(), prior_covariance(candidates, s)
+    at, m, prior = readings.cell, candidates.predicted.ravel(), prior_covariance(candidates, s)
     mean, covariance = m, prior
     if len(at):
-        d = readings.ratio[readings.valid] - m[at]
+        d = readings.ratio - m[at]
         factor = cho_factor(prior[np.ix_(at, at)] + s.noise**2 * np.eye(len(at)), lower=True)
         weighted = cho_solve(factor, d)
         mean = m + prior[:, at] @ weighted

@@ -28,10 +28,7 @@ def joint(predicted: np.ndarray, frequencies: np.ndarray | None = None) -> Candi
 
 def read(truth: np.ndarray, settings: list[int]) -> Readings:
     """Return readings of all cells of settings; truth (S, 4)."""
-    return Readings.of([(s, c, float(truth[s, c])) for s in settings for c in range(4)])
-
-
-NOTHING = Readings.of([])
+    return Readings(len(truth), [(s, c, float(truth[s, c])) for s in settings for c in range(4)])
 
 
 def posterior_of(candidates: Candidates, readings: Readings) -> Posterior:

@@ -118,16 +118,6 @@ def test_a_study_about_something_else_is_refused(about, message, tmp_path):
     assert file.read_bytes() == before
 
 
-def test_a_trial_of_somebody_else_is_refused(tmp_path):
-    place = f"sqlite:///{tmp_path}/study.db"
-    s = search(place, "random", evaluations=3)
-    run([s], evaluate)
-    strange = s.record.study.get_trials()[0]
-    s.record.add(strange)
-    says = "trial 3 is not what this search proposes"
-    refusal(lambda: run([search(place, "random")], evaluate), says)
-
-
 def test_a_second_process_does_not_fill_the_same_study(tmp_path):
     place = f"sqlite:///{tmp_path}/study.db"
 
