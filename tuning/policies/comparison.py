@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.dither.tables import shipped_table
-from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
+from stiction_envs.envs.agents import AGENTS, GatedTable
 from stiction_envs.envs.evaluation import PolicyLike, evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
@@ -161,10 +161,7 @@ def read_agent(name: str, task: Task, env: ArmVectorEnv) -> PolicyLike:
             f"unknown policy {name!r}: expected one of {', '.join(POLICIES)}, a policy.zip or an "
             "amplitude table (.csv)"
         )
-    rows = read_amplitudes(path, n_joints=env.core.n)
-    if any(row.gate_rad_s for row in rows):
-        return GatedTable(env, path, speed=np.inf)
-    return ConstantTable(env, path)
+    return GatedTable(env, path, speed=np.inf)
 
 
 def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:

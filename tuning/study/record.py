@@ -10,7 +10,6 @@ run that was never stopped.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -35,10 +34,10 @@ Parameters = dict[str, Any]
 Space = Mapping[str, BaseDistribution]
 CONSTRAINTS = "constraints"
 """User attribute of a trial: its constraints, feasible where all are at most 0."""
+ABOUT = "about"
+"""User attribute of a study: its definition, each part as JSON."""
 LIMITS = "limits"
 """User attribute: how far a trial passes limits that the sampler need not know; at most 0."""
-SHOWN = ("robot", "protocol", "version", "sampler")
-"""Parts of a search's definition that are stored in full, to say in what another one differs."""
 UNMEASURED = "unmeasured"
 """User attribute of a failed trial that was evaluated although nothing could be measured."""
 
@@ -87,8 +86,10 @@ class Record:
         self.file = storages.storage_file(url)
         """File of the storage, None for a database server."""
         opened = open_storage(storage, settings)
-        definition = json.dumps([objectives, about], sort_keys=True, default=str)
-        fingerprint = hashlib.sha256(definition.encode()).hexdigest()
+        own = {
+            key: json.dumps(part, sort_keys=True, default=str)
+            for key, part in {"objectives": objectives, **about}.items()
+        }
         try:
             self.study = optuna.create_study(
                 study_name=name,
@@ -96,33 +97,23 @@ class Record:
                 directions=["minimize"] * objectives,
                 load_if_exists=True,
             )
-            known = self.study.user_attrs.get("fingerprint")
+            known = self.study.user_attrs.get(ABOUT)
             if known is None and not self.study.get_trials(deepcopy=False):
-                for key in SHOWN:
-                    if key in about:
-                        self.study.set_user_attr(key, about[key])
-                self.study.set_user_attr("fingerprint", fingerprint)
-                known = self.study.user_attrs["fingerprint"]  # another machine may have written it
+                self.study.set_user_attr(ABOUT, own)
+                known = self.study.user_attrs[ABOUT]  # another machine may have written it
         except (StorageInternalError, SQLAlchemyError, OSError) as error:
             raise StictionError(
                 f"storage {self.place}: cannot be written: {reason_of(error)}"
             ) from None
-        if known != fingerprint:
-            raise StictionError(f"study {name!r}: {self._difference(about)}")
-
-    def _difference(self, about: Mapping[str, object]) -> str:
-        """Return how the stored study's definition differs."""
-        known = self.study.user_attrs
-        if "fingerprint" not in known:
-            return "was not made by stiction tune: expected another --study"
-        for key in SHOWN:
-            was = known.get(key)
-            if was != about.get(key):
-                return f"is of {key} {was}: expected {about.get(key)}, or another --study"
-        return (
-            "was made with other friction, bounds, settings or options: expected the same, or "
-            "another --study or --storage"
-        )
+        if known is None:
+            raise StictionError(
+                f"study {name!r}: was not made by stiction tune: expected another --study"
+            )
+        if other := [key for key in own if known.get(key) != own[key]]:
+            raise StictionError(
+                f"study {name!r}: was made with another {', '.join(other)}: expected the same, or "
+                "another --study or --storage"
+            )
 
     @property
     def trials(self) -> list[FrozenTrial]:
