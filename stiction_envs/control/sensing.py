@@ -13,8 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -27,71 +28,40 @@ from stiction_envs.control.sensing_kernels import (
     sense_block,
 )
 from stiction_envs.control.torque_path import low_pass_gain
-from stiction_envs.errors import StictionError, checked_array, unknown
+from stiction_envs.errors import StictionError
+from stiction_envs.method_settings import Amount, check_fields, override
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 from stiction_envs.robots.arm_toml import read_toml
 from stiction_envs.robots.registry import ARMS
 
-Numbers = float | tuple[float, ...]  # One number for all joints, or one per joint
-SPEEDS = ("logged", "difference")
 LONGEST = 0.1  # Longest delay or lag that is simulated [s]; assumed
-PER_JOINT = ("angle_resolution", "angle_noise", "speed_lag", "speed_noise")
-"""Fields of `Sensing` that may have one number per joint."""
-_MOST = {"missed_cycles": 1.0} | dict.fromkeys(
-    ("measurement_delay", "command_delay", "speed_lag"), LONGEST
-)
-FINEST = 1e-12
-"""Finest resolution other than 0 [rad]; assumed: rounding errors are not far below."""
+Amounts = Amount | tuple[Amount, ...]  # One number for all joints, or one per joint
+Time = Annotated[float, msgspec.Meta(ge=0, le=LONGEST)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensing:
     """Senses of one arm. SI units; what ends in "per joint" is one number, or one per joint."""
 
-    speed: str = "logged"  # ``logged``, the robot's own, or ``difference`` of the angles read
-    angle_resolution: Numbers = 0.0  # Step of the angles read, per joint [rad]
-    angle_noise: Numbers = 0.0  # Standard deviation of white noise on them, per joint [rad]
-    speed_lag: Numbers = 0.0
+    speed: Literal["logged", "difference"] = "logged"
+    """The robot's own speed, or the difference of the angles that were read."""
+    angle_resolution: Amounts = 0.0  # Step of the angles read, per joint [rad]
+    angle_noise: Amounts = 0.0  # Standard deviation of white noise on them, per joint [rad]
+    speed_lag: Time | tuple[Time, ...] = 0.0
     """Time constant of the filter of first order behind which the robot logs its speed, per joint
     [s]."""
-    speed_noise: Numbers = 0.0
+    speed_noise: Amounts = 0.0
     """Standard deviation of white noise on a logged speed, per joint [rad/s]."""
-    speed_cutoff: float = 0.0
+    speed_cutoff: Amount = 0.0
     """Corner of the low-pass of first order behind the difference of angles [Hz]; 0 is none."""
-    measurement_delay: float = 0.0  # Age of what is read [s]
-    command_delay: float = 0.0  # Time until a command acts [s]
-    missed_cycles: float = 0.0  # Share of cycles whose command is lost: the one before is held [-]
+    measurement_delay: Time = 0.0  # Age of what is read [s]
+    command_delay: Time = 0.0  # Time until a command acts [s]
+    missed_cycles: Annotated[float, msgspec.Meta(ge=0, lt=1)] = 0.0
+    """Share of cycles whose command is lost: the one before is held [-]."""
 
     def __post_init__(self) -> None:
-        if self.speed not in SPEEDS:
-            raise unknown("speed of sensing", self.speed, SPEEDS)
-        for field in fields(self):
-            if field.name == "speed":
-                continue
-            value = self._checked(field.name)
-            good = (value >= 0) & np.isfinite(value) & (value <= _MOST.get(field.name, np.inf))
-            if field.name == "missed_cycles":
-                good &= value < 1
-            if field.name.endswith("resolution"):
-                good &= (value == 0) | (value >= FINEST)
-            if not good.all():
-                high = _MOST.get(field.name, np.inf)
-                expected = "0" + (f" to {high:g}" if np.isfinite(high) else " or above")
-                raise StictionError(
-                    f"sensing {field.name} is {value[~good].flat[0]:g}: expected {expected}"
-                )
-            plain = value.tolist()
-            object.__setattr__(self, field.name, tuple(plain) if value.ndim else plain)
-
-    def _checked(self, name: str) -> Array:
-        """Return a field as one number, or where it may be per joint also (n,)."""
-        value, per_joint = getattr(self, name), name in PER_JOINT
-        expected = "numbers, one or one per joint" if per_joint else "a number"
-        array = checked_array(value, f"sensing {name}", expected=expected, finite=False)
-        if isinstance(value, bool | str) or array.ndim > per_joint or np.isnan(array).any():
-            raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
-        return array
+        check_fields(self, "sensing")
 
     @property
     def is_ideal(self) -> bool:
@@ -107,13 +77,13 @@ class Sensing:
 
     def check(self, n: int) -> None:
         """Raise a StictionError unless every field is one number, or one for each of n joints."""
-        for name in PER_JOINT:
-            self.of_joint(name, n)
+        for field in fields(self):
+            if isinstance(getattr(self, field.name), tuple):
+                self.of_joint(field.name, n)
 
 
 SensingLike = str | Path | Sensing
 """``ideal``, ``robot``, a TOML with a table ``[sensing]``, or senses."""
-NAMED = ("ideal", "robot")
 
 
 def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
@@ -144,20 +114,13 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
             )
         where, table = ARMS[arm.registered_name].toml, own[arm.registered_name]
     elif not where.is_file():
-        raise StictionError(f"sensing {what}: expected {', '.join(NAMED)}, or an existing TOML")
+        raise StictionError(f"sensing {what}: expected ideal, robot, or an existing TOML")
     else:
         table = read_toml(where)
     if not isinstance(table.get("sensing"), Mapping):
         raise StictionError(f"{where}: expected a table [sensing]")
-    names = [f.name for f in fields(Sensing)]
-    values: dict[str, Any] = {}
-    for name, entry in table["sensing"].items():
-        if name not in names:
-            raise StictionError(f"{where}: {unknown('field of [sensing]', name, names)}")
-        value = entry.get("value") if isinstance(entry, Mapping) else entry
-        values[name] = tuple(value) if isinstance(value, list) else value
     try:
-        out = Sensing(**values)
+        out = override(Sensing(), table["sensing"])
         out.check(arm.n)
     except StictionError as error:
         raise StictionError(f"{where}: {error}") from None
