@@ -193,8 +193,7 @@ class ThesisTuner:
             choice = choices[setting["joint"] - 1]
             row, cs = choice.row, configurations(n, [setting["joint"]])
             if setting["table"] == "final":
-                f = row.frequency_hz if row.amplitude_nm else 0.0
-                return [Job(c, f, row.amplitude_nm) for c in cs]
+                return [Job.of(c, row) for c in cs]
             return [Job(c, row.frequency_hz, float(choice.intermediate[c.index[1:]])) for c in cs]
 
         tables = ("intermediate", "final")

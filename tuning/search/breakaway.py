@@ -18,7 +18,7 @@ from scipy import stats
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
+from stiction_envs.experiments.sje.protocol import Job, Measurement, configurations
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
@@ -121,7 +121,7 @@ class BreakawayObjective:
 
     def measure(self, rows: Sequence[AmplitudeRow]) -> dict[AmplitudeRow, Breakaway]:
         """Measure settings, all in one batch per friction."""
-        jobs = {row: [_job(c, row) for c in configurations(self.n, [row.joint])] for row in rows}
+        jobs = {row: [Job.of(c, row) for c in configurations(self.n, [row.joint])] for row in rows}
         wanted = list(dict.fromkeys(job for group in jobs.values() for job in group))
         found: list[Mapping[Job, Measurement]] = [
             {m.job: m for m in e.run(wanted, iterations=self.iterations, progress=self.progress)}
@@ -170,15 +170,3 @@ class BreakawayObjective:
                 LIMITS: [shaken],
             },
         )
-
-
-def _job(c: Configuration, row: AmplitudeRow) -> Job:
-    dithered = row.amplitude_nm > 0
-    return Job(
-        c,
-        frequency_hz=row.frequency_hz if dithered else 0.0,
-        amplitude_nm=row.amplitude_nm,
-        waveform=row.waveform,
-        offset_nm=row.offset_nm if dithered else 0.0,
-        gate_velocity=row.gate_velocity,
-    )

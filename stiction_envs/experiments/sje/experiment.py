@@ -146,14 +146,7 @@ class SingleJointExperiment(SJESetup):
             return base
         rows = self._rows(dither, sorted({j.configuration.joint for j in base}))
         return base + [
-            Job(
-                job.configuration,
-                frequency_hz=row.frequency_hz,
-                amplitude_nm=row.amplitude_nm,
-                waveform=row.waveform,
-                offset_nm=row.offset_nm,
-                gate_velocity=row.gate_velocity,
-            )
+            Job.of(job.configuration, row)
             for job in base
             if (row := rows.get(job.configuration.joint)) is not None
         ]
