@@ -86,7 +86,7 @@ def grid(bounds: Bounds, joint: int, settings: RobotSettings) -> list[AmplitudeR
     """
     low, high = bounds.frequency_hz[joint - 1]
     tried = np.clip(np.geomspace(low, high, TRIED), low, high)
-    free = tried[[bounds.forbidden(joint, float(f)) <= 0 for f in tried]]
+    free = tried[[not bounds.forbidden(joint, float(f)) for f in tried]]
     at = np.unique(np.linspace(0, len(free) - 1, settings.frequencies).round().astype(int))
     rows = [
         bounds.setting(joint, {"frequency_hz": f, "amplitude": share})

@@ -5,7 +5,7 @@ the impedance law's own lag. The error that friction leaves at each goal does. A
 arm is tried on every path, stiffness and friction:
 
     value       1/2 (log position left + log orientation left), over no dither, mean of all goals
-    constraint  vibration / largest vibration - 1 <= 0, moving and at rest; depth in forbidden bands
+    constraint  vibration / largest vibration - 1 <= 0, moving and at rest
 """
 
 from __future__ import annotations
@@ -248,23 +248,11 @@ class TrackingObjective:
 
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
         """Return outcomes of tables (0, parameters of `space`)."""
-        treatments = [self.treatment(parameters) for _, parameters in asked]
-        depths = [
-            max((self.bounds.forbidden(r.joint, r.frequency_hz) for r in t.dither), default=-np.inf)
-            for t in treatments
-        ]
-        allowed = [k for k, depth in enumerate(depths) if depth <= 0]
-        tried = self.measure([treatments[k] for k in allowed]) if allowed else []
-        found = dict(zip(allowed, tried, strict=True))
-        return [self.outcome(found.get(k), depth) for k, depth in enumerate(depths)]
+        found = self.measure([self.treatment(parameters) for _, parameters in asked])
+        return [self.outcome(one) for one in found]
 
-    def outcome(self, found: Tracking | None, depth: float) -> TrialOutcome:
-        """Return the stored outcome of a table; ``found`` is None in a forbidden band."""
-        forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
-        if found is None:  # not simulated: treated as if it had no effect
-            values = (self.penalty * depth, *self.plain.shaking[: self.pareto])
-            calm = (0.0, 0.0, *forbidden, *([0.0] if np.isfinite(self.torque_rate) else []))
-            return TrialOutcome(values=values, constraints=calm)
+    def outcome(self, found: Tracking) -> TrialOutcome:
+        """Return the stored outcome of a table."""
         position, orientation = found.left(self.plain)
         value = 0.5 * float(np.log(position) + np.log(orientation))
         if not np.isfinite(value):
@@ -273,15 +261,15 @@ class TrackingObjective:
             shaken / limit - 1.0 if np.isfinite(limit) else -1.0
             for shaken, limit in zip(found.shaking, self.vibration, strict=True)
         ]
-        constraints = (*([0.0, 0.0] if self.pareto else over), *forbidden)
+        constraints = [0.0, 0.0] if self.pareto else over[:]
         if np.isfinite(self.torque_rate):
             over.append(float(found.torque_rate.max()) / self.torque_rate - 1.0)
-            constraints = (*constraints, over[-1])
+            constraints.append(over[-1])
         moving, resting = found.shaking
         penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
         return TrialOutcome(
             values=(penalised, *found.shaking[: self.pareto]),
-            constraints=constraints,
+            constraints=tuple(constraints),
             measures={
                 "objective": value,
                 "position_left": position,
