@@ -44,7 +44,7 @@ class Predicted:
         c = self.candidates[row.joint]
         apart = np.maximum(
             np.abs(c.frequency_hz / row.frequency_hz - 1),
-            np.abs(c.amplitude_nm[:, 0] / row.amplitude_nm - 1),
+            np.abs(c.amplitude_nm / row.amplitude_nm - 1),
         )
         best = int(apart.argmin())
         return best if apart[best] <= same else None
@@ -139,7 +139,7 @@ def candidates_of(joint: int, found: Mapping[AmplitudeRow, Breakaway], limit: fl
     return Candidates(
         joint=joint,
         frequency_hz=np.array([row.frequency_hz for row in found]),
-        amplitude_nm=np.array([[row.amplitude_nm] * 4 for row in found]),
+        amplitude_nm=np.array([row.amplitude_nm for row in found]),
         predicted=predicted,
         deviation=ratio - predicted,
         eligible=np.array([m.displacement <= limit for m in found.values()]),

@@ -19,8 +19,16 @@ from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.robot.measured_table import readings
-from tuning.robot.next_setting import best_measured, chance_of_better, next_settings
-from tuning.robot.posterior import CONFIGURATIONS, Candidates, Posterior, Readings, posterior_of
+from tuning.robot.posterior import (
+    CONFIGURATIONS,
+    Candidates,
+    Posterior,
+    Readings,
+    best_measured,
+    chance_of_better,
+    next_settings,
+    posterior_of,
+)
 from tuning.robot.prediction import Cell, Predicted
 from tuning.settings import RobotSettings
 
@@ -46,9 +54,7 @@ class JointState:
     def row(self, setting: int) -> AmplitudeRow:
         """Return a setting as a row of an amplitude table."""
         c = self.candidates
-        return AmplitudeRow(
-            c.joint, float(c.frequency_hz[setting]), float(c.amplitude_nm[setting, 0])
-        )
+        return AmplitudeRow(c.joint, float(c.frequency_hz[setting]), float(c.amplitude_nm[setting]))
 
     @property
     def chosen(self) -> int:

@@ -22,7 +22,7 @@ from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
 from stiction_envs.robots.arm_toml import read_toml
-from tuning.protocol.rules import frequencies_of
+from tuning.protocol.stages import frequencies_of
 from tuning.settings import BoundsSettings, TuningSettings, tuning_settings
 from tuning.study.record import Parameters
 

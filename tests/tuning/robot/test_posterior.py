@@ -15,8 +15,13 @@ from tests.tuning.robot.made_up import (
     posterior_of,
     read,
 )
-from tuning.robot.next_setting import best_measured, chance_of_better
-from tuning.robot.posterior import Posterior, Readings, discrepancy_kernel
+from tuning.robot.posterior import (
+    Posterior,
+    Readings,
+    best_measured,
+    chance_of_better,
+    discrepancy_kernel,
+)
 
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
 
