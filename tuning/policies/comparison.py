@@ -109,16 +109,11 @@ def evaluate_all(
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
     rows: list[dict[str, object]] = []
+    every = range(episodes)
     for name, agent in agents:
-        for start in range(0, episodes, env.num_envs):
-            part = range(start, min(episodes, start + env.num_envs))
-            progress(name, start, episodes)
-            found = evaluate(
-                env, agent, [seed + k for k in part], [_held_out(task, k) for k in part]
-            )
-            rows += [
-                {"policy": name, "episode": k, **row} for k, row in zip(part, found, strict=True)
-            ]
+        progress(name, 0, episodes)
+        found = evaluate(env, agent, [seed + k for k in every], [_held_out(task, k) for k in every])
+        rows += [{"policy": name, "episode": k, **row} for k, row in enumerate(found)]
         progress(name, episodes, episodes)
     env.close()
     return Evaluated(environment=task.name, rows=tuple(rows))
