@@ -107,12 +107,12 @@ class Record:
             ) from None
         if known is None:
             raise StictionError(
-                f"study {name!r}: was not made by stiction tune: expected another --study"
+                f"study {name!r}: was not made by stiction tune: expected another study"
             )
         if other := [key for key in own if known.get(key) != own[key]]:
             raise StictionError(
                 f"study {name!r}: was made with another {', '.join(other)}: expected the same, or "
-                "another --study or --storage"
+                "another study or storage"
             )
 
     @property

@@ -48,7 +48,6 @@ from stiction_envs.friction.sticking import (
     Friction,
     Robot,
     check_torque_driven,
-    model_sha256,
     sticking_model,
 )
 from stiction_envs.plant import CONTROL_DT, Plant
@@ -212,18 +211,14 @@ class GeneratedTrajectoryExperiment(GTESetup):
             provenance=provenance(
                 "gte",
                 {
-                    "robot": arm.name,
-                    "model_sha256": model_sha256(self.sticking),
+                    **self.record,
                     "protocol": dataclasses.asdict(self.protocol),
                     "settings": dataclasses.asdict(self.settings),
                     "motion": dataclasses.asdict(self.motion),
-                    "interface": dataclasses.asdict(self.interface),
-                    **self.sensing_record,
                     "start": self.start,
                     "tool": self.tool,
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
                     "controller_model_sha256": model_hash,
-                    "scatter": self.scatter,
                     "iterations": iterations,
                     "cases": [dataclasses.asdict(c) for c in cases],
                 },
