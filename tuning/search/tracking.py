@@ -21,7 +21,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import Measures, measure
+from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
@@ -55,13 +55,9 @@ class Treatment:
 class Tracking:
     """Results of one treatment at P places under F frictions."""
 
-    position: Array
-    """(P, F, G) error left at each goal when the arm's time there is over [m]; NaN where a goal was
-    never reached, and after the last goal of a path with fewer."""
-    orientation: Array
-    """(P, F, G) the same for the orientation [rad]."""
-    goals: Array
-    """(P,) number of goals of each path."""
+    errors: tuple[Array, ...]
+    """Per place (F, G, 2) error left at each of its goals when the arm's time there is over:
+    distance [m] and angle [rad]."""
     vibration: Array
     """(P, F) root mean square vibration during the motion, rotation included [m]."""
     vibration_at_rest: Array
@@ -82,7 +78,9 @@ class Tracking:
         Errors are averaged over frictions before they are compared, so that one that happens to be
         zero does not decide.
         """
-        return _left(self.position, plain.position), _left(self.orientation, plain.orientation)
+        pairs = zip(self.errors, plain.errors, strict=True)
+        ratio = np.concatenate([np.log(x.mean(axis=0) / y.mean(axis=0)) for x, y in pairs])
+        return float(np.exp(ratio[:, 0].mean())), float(np.exp(ratio[:, 1].mean()))
 
     def by_friction(self, plain: Tracking) -> dict[str, Array]:
         """Return errors relative to another treatment per friction, geometric means (F,) [-].
@@ -90,14 +88,13 @@ class Tracking:
         ``position`` and ``orientation`` are over all goals; ``resting_…`` at the last goal of each
         path, where the arm rests, a second after it was reached.
         """
-        out = {}
-        last = self.goals.astype(np.int64)[:, None, None] - 1
-        for name in ("position", "orientation"):
-            ratio = np.log(getattr(self, name) / getattr(plain, name))
-            out[name] = np.exp(_mean_of_goals(ratio, self.goals).mean(axis=0))
-            resting = np.take_along_axis(ratio, last, axis=2)[:, :, 0]
-            out[f"resting_{name}"] = np.exp(resting.mean(axis=0))
-        return out
+        ratios = [np.log(x / y) for x, y in zip(self.errors, plain.errors, strict=True)]
+        every, last = (
+            np.exp(np.mean(values, axis=0))
+            for values in ([x.mean(axis=1) for x in ratios], [x[:, -1] for x in ratios])
+        )
+        names = ("position", "orientation", "resting_position", "resting_orientation")
+        return dict(zip(names, (*every.T, *last.T), strict=True))
 
 
 class TrackingObjective:
@@ -224,11 +221,8 @@ class TrackingObjective:
         runs = e.run(cases, iterations=self.iterations, parameters=frictions)
         found = [measure(run, e.protocol, e.motion) for run in runs]
         shape = (len(treatments), len(self.places), len(self.frictions))
-        goals = np.array([len(e.path(path).position) for path, _ in self.places])
-        position, orientation = (
-            np.array([_left_at_goals(m, part, goals.max()) for m in found]).reshape(*shape, -1)
-            for part in range(2)
-        )
+        places = [found[k : k + shape[2]] for k in range(0, len(found), shape[2])]
+        errors = [np.stack([m.left.mean(axis=0) for m in place]) for place in places]
         numbers = {
             "vibration": [_rms(m.shaking) for m in found],
             "vibration_at_rest": [_rms(m.shaking_at_rest) for m in found],
@@ -238,9 +232,7 @@ class TrackingObjective:
         values = {name: np.array(x, dtype=float).reshape(shape) for name, x in numbers.items()}
         return [
             Tracking(
-                position=position[k],
-                orientation=orientation[k],
-                goals=goals,
+                errors=tuple(errors[k * shape[1] : (k + 1) * shape[1]]),
                 **{name: x[k] for name, x in values.items()},
             )
             for k in range(len(treatments))
@@ -281,26 +273,6 @@ class TrackingObjective:
                 LIMITS: over,
             },
         )
-
-
-def _left_at_goals(m: Measures, part: int, count: int) -> Array:
-    """Return the error left at each goal, mean over iterations (count,), NaN after the last."""
-    left = m.left[..., part].mean(axis=0)
-    return np.concatenate([left, np.full(count - len(left), np.nan)])
-
-
-def _mean_of_goals(values: Array, goals: Array) -> Array:
-    """Return the mean over each path's goals of (P, ..., G) values; NaN if one of them is NaN."""
-    used = np.arange(values.shape[-1]) < goals.reshape(-1, *[1] * (values.ndim - 1))
-    total = np.where(used, values, 0.0).sum(axis=-1)
-    return total / used.sum(axis=-1)
-
-
-def _left(values: Array, plain: Array) -> float:
-    """Return the geometric mean over places and goals of the ratio of two errors (P, F, G)."""
-    ratio = np.log(values.mean(axis=1) / plain.mean(axis=1))
-    used = np.isfinite(plain.mean(axis=1))
-    return float(np.exp(ratio[used].mean()))
 
 
 def _rms(values: Array) -> float:
