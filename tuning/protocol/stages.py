@@ -40,7 +40,7 @@ from stiction_envs.robots.registry import ARMS
 from tuning.settings import ThesisSettings, tuning_settings
 from tuning.study.record import Parameters, TrialOutcome, TrialSearch
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import Progress, TuningRun
+from tuning.study.tuning_run import Progress, TuningRun, counted
 from tuning.study.workers import fill
 
 Cell = tuple[float, float]
@@ -298,22 +298,14 @@ class ThesisTuner:
         experiment: SingleJointExperiment,
     ) -> dict[Job, Measurement]:
         """Fill the studies of a stage; return the measurements of all their trials."""
-        n = sum(s.evaluations for s in searches)
-        seconds = done = 0.0
-
-        def report(more: float) -> None:
-            nonlocal done
-            done += more
-            self.progress(stage, min(done, seconds), seconds)
+        settings = ((k, x) for k, s in enumerate(searches) for x in s.first[len(s.record.trials) :])
+        due = [job for k, setting in settings for job in jobs(k, setting)]
+        total = experiment.expected_seconds(due, self.iterations)
+        report = counted(self.progress, stage, total)
 
         def evaluate(wanted: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
-            nonlocal seconds
             groups = [jobs(k, setting) for k, setting in wanted]
             distinct = list(dict.fromkeys(j for group in groups for j in group))
-            if not seconds:  # of the remaining settings, judged by these
-                left = n - sum(len(s.record.trials) for s in searches)
-                part = experiment.expected_seconds(distinct, self.iterations)
-                seconds = part * left / len(wanted)
             run = experiment.run(distinct, iterations=self.iterations, progress=report)
             measured = {m.job: m for m in run}
             return [self._outcome([measured[j] for j in group]) for group in groups]
