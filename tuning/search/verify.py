@@ -49,13 +49,17 @@ class PathResult:
     """Largest change of torque on any joint [N·m/s]."""
 
 
+Tracked = Mapping[str, Mapping[str, PathResult]]
+"""Results by treatment and path."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Verified:
     """All results of the repeated measurement."""
 
     breakaway: Mapping[str, Mapping[int, Breakaway]]
-    tracking: Mapping[str, Mapping[str, PathResult]]
-    """Per table and path; empty where only the SJE was searched."""
+    tracking: Tracked
+    """Empty where only the SJE was searched."""
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -108,7 +112,7 @@ class Unseen:
         treatments: Mapping[str, Treatment],
         *,
         random: bool,
-    ) -> dict[str, dict[str, PathResult]]:
+    ) -> Tracked:
         """Run every treatment on the path used for tuning and on others, random ones if wanted."""
         treatments = {NOTHING: Treatment(), **treatments}
         groups: dict[str, Sequence[str]] = {path: (path,) for path in TRAJECTORIES}
