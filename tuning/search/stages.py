@@ -19,7 +19,7 @@ from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.measured import AmplitudeRow
 from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
 from tuning.search.bounds import Bounds, Table
@@ -143,8 +143,6 @@ class SearchStages:
         if self.options.pareto:
             write_trials(folder / "pareto.csv", self.records, front)
         self._write(folder, Treatment(dither=self.final, compensation=self.compensation))
-        if len(tables) > 1:
-            write_amplitudes(folder / "sje_table.csv", tables["search sje"])
         breakaway = self._unseen.breakaway(
             self.sje.replace(seed=self.seed + 1),
             # a ramp takes long: if only paths were searched, the table found is enough
