@@ -138,16 +138,21 @@ class TrackingObjective:
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
         self.frictions, self.iterations = list(frictions), iterations
         self.joints, self.penalty = tuple(joints), penalty
-        self._settings = settings or tuning_settings().bounds
         self._believed = None if compensation == "none" else experiment.compensation(compensation)
-        self._largest: dict[str, float] = {}
-        self._usual: dict[str, float] = {}
-        """Defaults of the numbers of the compensation that are searched."""
+        self._varied: dict[str, tuple[float, BaseDistribution]] = {}
+        """Start and range of every parameter of the compensation."""
         if self._believed is not None:
-            law = LAWS[compensation]
-            self._largest = {field.name: field.largest for field in law.fields}
-            self._usual = {name: self._believed.numbers[name][0] for name in law.searched}
-        self._loaded = rest_margin is not None and compensation == "push"
+            s, law = settings or tuning_settings().bounds, LAWS[compensation]
+            factor, reach = s.compensation_factor, s.compensation_reach
+            self._varied["compensation"] = float(np.mean(factor)), FloatDistribution(*factor)
+            largest = {field.name: field.largest for field in law.fields}
+            for name in law.searched:
+                usual = self._believed.numbers[name][0]
+                most = min(usual * reach, largest[name])
+                wide = FloatDistribution(usual / reach, most, log=True)
+                self._varied[f"compensation_{name}"] = usual, wide
+            if rest_margin is not None and compensation == "push":
+                self._varied["compensation_load"] = 0.0, FloatDistribution(0.0, s.compensation_load)
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
         shaken = self.plain
@@ -171,25 +176,16 @@ class TrackingObjective:
         for j in self.joints:
             for name, d in self.bounds.space(j).items():
                 out[f"{name}_{j}"] = d
-        if self._believed is not None:
-            reach = self._settings.compensation_reach
-            out["compensation"] = FloatDistribution(*self._settings.compensation_factor)
-            for name, usual in self._usual.items():
-                most = min(usual * reach, self._largest[name])
-                out[f"compensation_{name}"] = FloatDistribution(usual / reach, most, log=True)
-            if self._loaded:
-                most = self._settings.compensation_load
-                out["compensation_load"] = FloatDistribution(0.0, most)
-        return out
+        return out | {name: wide for name, (_, wide) in self._varied.items()}
 
     def treatment(self, parameters: Parameters) -> Treatment:
         """Return the treatment that parameters of `space` describe."""
         compensation = None
         if self._believed is not None:
-            factor, n = parameters["compensation"], self._believed.n
-            names = [*self._usual, *(["load"] if self._loaded else [])]
-            more: Parameters = {name: (parameters[f"compensation_{name}"],) * n for name in names}
-            compensation = self._believed.times(factor).replace(**more)
+            first, *others = self._varied
+            n = self._believed.n
+            more = {x.removeprefix("compensation_"): (parameters[x],) * n for x in others}
+            compensation = self._believed.times(parameters[first]).replace(**more)
         rows = []
         for j in self.joints:
             mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j)}
@@ -203,12 +199,7 @@ class TrackingObjective:
         for j in self.joints:
             row = rows.get(j, AmplitudeRow(j, 0.0, 0.0))
             out |= {f"{name}_{j}": value for name, value in self.bounds.share(row).items()}
-        if self._believed is not None:
-            out["compensation"] = float(np.mean(self._settings.compensation_factor))
-            out |= {f"compensation_{name}": usual for name, usual in self._usual.items()}
-            if self._loaded:
-                out["compensation_load"] = 0.0
-        return out
+        return out | {name: usual for name, (usual, _) in self._varied.items()}
 
     # ---- measuring ---------------------------------------------------------------------------
 
