@@ -145,10 +145,10 @@ class TrackingObjective:
             s, law = settings or tuning_settings().bounds, LAWS[compensation]
             factor, reach = s.compensation_factor, s.compensation_reach
             self._varied["compensation"] = float(np.mean(factor)), FloatDistribution(*factor)
-            largest = {field.name: field.largest for field in law.fields}
+            highest = {field.name: field.largest for field in law.fields}
             for name in law.searched:
                 usual = self._believed.numbers[name][0]
-                most = min(usual * reach, largest[name])
+                most = min(usual * reach, highest[name])
                 wide = FloatDistribution(usual / reach, most, log=True)
                 self._varied[f"compensation_{name}"] = usual, wide
             if rest_margin is not None and compensation == "push":
