@@ -108,7 +108,7 @@ class TrackingObjective:
         places: Sequence[Place],
         *,
         iterations: int,
-        joints: Sequence[int],
+        joints: Sequence[int] = (),
         compensation: str = "none",
         limits: Table = (),
         penalty: float = 0.0,
@@ -124,7 +124,7 @@ class TrackingObjective:
             frictions: frictions under which every table is tried.
             places: paths and stiffnesses.
             iterations: repeats per place and friction.
-            joints: joints to dither, from 1.
+            joints: joints whose dither is searched, from 1.
             compensation: kind to search, or "none"; its gains are those of the friction that the
                 controller assumes, times a factor.
             limits: a table whose vibration no other may exceed, where ``bounds`` has none.
