@@ -46,6 +46,9 @@ Changes = Mapping[str, object] | str | os.PathLike[str]
 """Dotted names (or tables) with new values, or a TOML file of them."""
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
+FinitePositive = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
+Amount = Annotated[float, msgspec.Meta(ge=0, le=sys.float_info.max)]
+"""Finite, and not negative."""
 Share = Annotated[float, msgspec.Meta(gt=0, le=1)]
 """Above 0 and at most 1."""
 Count = Annotated[int, msgspec.Meta(ge=1)]
@@ -120,6 +123,22 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise
     except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"{path}: not a TOML file: {error}") from None
+
+
+def check_fields(settings: Dataclass, what: str) -> None:
+    """Check every field of a dataclass that callers make; called in its ``__post_init__``.
+
+    Raises:
+        StictionError: a value of another kind or out of range; ``what`` are the settings.
+    """
+    for name, kind in get_type_hints(type(settings), include_extras=True).items():
+        given = getattr(settings, name)
+        value = given.tolist() if hasattr(given, "tolist") else given  # numpy's numbers count
+        try:
+            object.__setattr__(settings, name, msgspec.convert(value, kind))
+        except msgspec.ValidationError as error:
+            problem = str(error).replace("Expected", "expected")
+            raise StictionError(f"{what} {name} is {value!r}: {problem}") from None
 
 
 def _values(table: Mapping[str, Any]) -> dict[str, object]:

@@ -29,8 +29,7 @@ from stiction_envs.measured import (
 from stiction_envs.measured.tables import our_name
 from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.robots import load_arm
-from tuning.protocol.rules import Choice, final_amplitude
-from tuning.protocol.stages import change
+from tuning.protocol.stages import Choice, change, final_amplitude
 
 ROBOTS = tuple(thesis_robots())
 (TUNED,) = thesis_robots("4.9")

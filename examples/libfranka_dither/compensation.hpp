@@ -31,7 +31,7 @@ struct Seen {
   double pushed = 0.0;        // M (dq - dq a cycle ago), all joints summed [N m s]
 };
 
-enum class Law { none, feedforward, push, smooth_sign, partial, lugre_observer, momentum_observer };
+enum class Law { none, feedforward, push, lugre_observer, momentum_observer };
 
 struct JointCompensation {
   double gain = 0.0;  // [N m]; 0: not compensated
@@ -52,10 +52,6 @@ struct JointCompensation {
         const double sign = std::tanh(s.error * (1.0 / error)) * std::exp(-fade * fade);
         return (gain + load * std::abs(s.gravity)) * sign;
       }
-      case Law::smooth_sign:
-        return gain * std::tanh(s.speed * per_speed);
-      case Law::partial:
-        return gain * std::tanh(s.speed * per_speed) + viscous * s.speed;
       case Law::lugre_observer: {
         const double v = s.speed, ratio = v * per_speed, z = state;
         const double level = coulomb + (gain - coulomb) * std::exp(-ratio * ratio);
@@ -95,19 +91,15 @@ struct Column {
 inline std::vector<Column> columns(Law law) {
   using J = JointCompensation;
   const Column speed = {"speed_rad_s", &J::speed, true};
-  const Column viscous = {"viscous_nms_rad", &J::viscous, false};
   switch (law) {
     case Law::none:
       return {};
     case Law::feedforward:
-    case Law::smooth_sign:
       return {speed};
     case Law::push:
       return {speed, {"error_rad", &J::error, true}, {"load_gain", &J::load, false}};
-    case Law::partial:
-      return {speed, viscous};
     case Law::lugre_observer:
-      return {speed, viscous, {"coulomb_nm", &J::coulomb, true},
+      return {speed, {"viscous_nms_rad", &J::viscous, false}, {"coulomb_nm", &J::coulomb, true},
               {"stiffness_nm_rad", &J::stiffness, true}, {"damping_nms_rad", &J::damping, false},
               {"injection_1_s", &J::injection, false}};
     case Law::momentum_observer:
@@ -119,7 +111,6 @@ inline std::vector<Column> columns(Law law) {
 inline Law law(const std::string& name, const std::string& where) {
   static const std::map<std::string, Law> known = {
       {"feedforward", Law::feedforward},       {"push", Law::push},
-      {"smooth_sign", Law::smooth_sign},       {"partial", Law::partial},
       {"lugre_observer", Law::lugre_observer}, {"momentum_observer", Law::momentum_observer}};
   const auto found = known.find(name);
   if (found == known.end()) throw std::runtime_error(where + ": unknown kind '" + name + "'");

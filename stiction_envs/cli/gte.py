@@ -50,8 +50,8 @@ def add_options(parser: common.Parser) -> None:
         "--compensation KIND|FILE",
         "run also with friction compensation, without and (with --dither) with dither: "
         "feedforward of the reference's motion; push, in the sign of the joint error, fading with "
-        "the measured speed; smooth_sign or partial, from the measured speed; lugre_observer; "
-        "momentum_observer; or tuned gains, final.csv or final.yaml",
+        "the measured speed; lugre_observer; momentum_observer; or tuned gains, final.csv or "
+        "final.yaml",
     )
     common.option(
         parser,

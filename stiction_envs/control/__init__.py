@@ -1,7 +1,4 @@
 """Control: controllers, and the path of a commanded torque to the joint."""
 
-COMPENSATIONS = (
-    *("feedforward", "push", "smooth_sign", "partial"),
-    *("lugre_observer", "momentum_observer"),
-)
+COMPENSATIONS = ("feedforward", "push", "lugre_observer", "momentum_observer")
 """Names of the laws of friction compensation; written out, so that --help loads no law."""

@@ -14,12 +14,11 @@ In YAML the kind is given once:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation, law_named
 from stiction_envs.control.laws import LAWS
 from stiction_envs.errors import StictionError
@@ -60,7 +59,8 @@ def read_compensation(
     kind = _kind(path, lines, kind)
     law = LAWS[kind]
     columns = {"gain_nm": "gain"} | {field.column: field.name for field in law.fields}
-    values = {name: np.full(n, np.nan if name != "gain" else 0.0) for name in columns.values()}
+    values = {"gain": np.zeros(n)}
+    values |= {f.name: np.full(n, np.nan if f.default is None else f.default) for f in law.fields}
     seen: set[int] = set()
     for line in lines:
         joint = line.whole("joint", 1, n)
@@ -77,7 +77,15 @@ def read_compensation(
             values[columns[column]][joint - 1] = line.number(column)
     if not values["gain"].any():
         raise StictionError(f"{path}: compensates no joint: expected a gain_nm above 0")
-    return _filled(path, kind, values).times(factor)
+    for field in law.fields:
+        missing = np.isnan(values[field.name])
+        for j in np.flatnonzero(missing & (values["gain"] > 0)):
+            raise StictionError(f"{path}: joint {j + 1}: {kind} needs {field.column}")
+        values[field.name][missing] = 1.0  # a joint that is not compensated may have any
+    try:
+        return Compensation(kind=kind, **values).times(factor)
+    except StictionError as error:
+        raise StictionError(f"{path}: {error}") from None
 
 
 def _kind(path: str | Path, lines: Sequence[Line], kind: str | None) -> str:
@@ -92,23 +100,6 @@ def _kind(path: str | Path, lines: Sequence[Line], kind: str | None) -> str:
     if kind is None:
         raise StictionError(f"{path}: no {KIND}: expected a column {KIND}, {', '.join(LAWS)}")
     return kind
-
-
-def _filled(path: str | Path, kind: str, values: Mapping[str, Array]) -> Compensation:
-    """Return the compensation, defaults where the file has no number."""
-    law, compensated = LAWS[kind], values["gain"] > 0
-    for field in law.fields:
-        column = values[field.name]
-        missing = np.isnan(column)
-        if field.default is None:
-            for j in np.flatnonzero(missing & compensated):
-                raise StictionError(f"{path}: joint {j + 1}: {kind} needs {field.column}")
-        # a joint that is not compensated may have any
-        column[missing] = 1.0 if field.default is None else field.default
-    try:
-        return Compensation(kind=kind, **values)
-    except StictionError as error:
-        raise StictionError(f"{path}: {error}") from None
 
 
 def compensation_rows(found: Compensation) -> list[dict[str, float]]:

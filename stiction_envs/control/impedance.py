@@ -15,8 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -25,6 +26,7 @@ from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.operational import renew
 from stiction_envs.control.rotation import error_matrix
 from stiction_envs.errors import StictionError, checked_array
+from stiction_envs.method_settings import Amount, FinitePositive, Positive, check_fields
 from stiction_envs.robots import Limits
 from stiction_envs.robots.arm_toml import Table, read_toml
 
@@ -34,61 +36,39 @@ GTE_DEFAULTS: dict[str, Table] = {
 }
 """Values of ``gte.toml``, which has their sources, by table and name."""
 _DEFAULT = GTE_DEFAULTS["impedance"]
-_BOUNDS: dict[str, tuple[tuple[int, ...] | None, float, float]] = {
-    "translational_stiffness": ((3,), -np.inf, np.inf),
-    "rotational_stiffness": ((3,), -np.inf, np.inf),
-    "nullspace_stiffness": (None, -np.inf, np.inf),
-    "damping_ratio": ((6,), -np.inf, 1.0),
-    "nullspace_damping_ratio": ((), -np.inf, 1.0),
-    "limit_margin": ((), -np.inf, np.inf),
-    **dict.fromkeys(
-        ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length", "torque_rate"),
-        ((), 0.0, np.inf),
-    ),
-}
-"""Shape of each number (None: any), what it is above, and the most that it may be."""
+Stiffness = Amount | Annotated[tuple[Amount, ...], msgspec.Meta(min_length=3, max_length=3)]
+"""One number for all axes, or one for each of three."""
+Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
+Ratios = Ratio | Annotated[tuple[Ratio, ...], msgspec.Meta(min_length=6, max_length=6)]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class ImpedanceSettings:
     """Constant settings of the controller; defaults and their sources are in ``gte.toml``."""
 
-    translational_stiffness: ArrayLike = _DEFAULT["translational_stiffness"]
+    translational_stiffness: Stiffness = _DEFAULT["translational_stiffness"]
     """K_t, one number or (3,) in the base frame [N/m]."""
-    rotational_stiffness: ArrayLike = _DEFAULT["rotational_stiffness"]
+    rotational_stiffness: Stiffness = _DEFAULT["rotational_stiffness"]
     """K_r, one number or (3,) about the base frame's axes [N·m/rad]."""
-    nullspace_stiffness: ArrayLike = _DEFAULT["nullspace_stiffness"]
+    nullspace_stiffness: Amount | tuple[Amount, ...] = _DEFAULT["nullspace_stiffness"]
     """k_n, one number or (n,) [N·m/rad]; 0 means no nullspace torque."""
-    damping_ratio: ArrayLike = _DEFAULT["damping_ratio"]
+    damping_ratio: Ratios = _DEFAULT["damping_ratio"]
     """ξ, one number or (6,), in [0, 1] [-]."""
-    nullspace_damping_ratio: float = _DEFAULT["nullspace_damping_ratio"]
+    nullspace_damping_ratio: Ratio = _DEFAULT["nullspace_damping_ratio"]
     """ξ_n of d_n = 2 ξ_n √k_n, in [0, 1] [-]. It contains no mass: critical in number only."""
-    pseudoinverse_damping: float = _DEFAULT["pseudoinverse_damping"]
+    pseudoinverse_damping: FinitePositive = _DEFAULT["pseudoinverse_damping"]
     """λ of the J^# of a feedforward compensation, singular values σ/(σ² + λ²) [m and rad]."""
-    rate_hz: float = _DEFAULT["rate_hz"]
-    """Cycles per second [Hz]."""
-    torque_rate: float = _DEFAULT["torque_rate"]
+    torque_rate: Positive = _DEFAULT["torque_rate"]
     """Largest change of a joint's command per cycle [N·m]; inf is off."""
-    singular_below: float = _DEFAULT["singular_below"]
+    singular_below: FinitePositive = _DEFAULT["singular_below"]
     """Smallest eigenvalue of the scaled J M⁻¹ Jᵀ that is still regular, s_0 [1/kg]."""
-    singular_length: float = _DEFAULT["singular_length"]
+    singular_length: FinitePositive = _DEFAULT["singular_length"]
     """ℓ: a rotation of 1 rad counts as this translation there [m]."""
-    limit_margin: float = _DEFAULT["limit_margin"]
+    limit_margin: Amount = _DEFAULT["limit_margin"]
     """Distance from a joint limit that counts as near [rad]."""
 
     def __post_init__(self) -> None:
-        for name, (shape, above, most) in _BOUNDS.items():
-            what, value = f"impedance {name.replace('_', ' ')}", getattr(self, name)
-            array = checked_array(
-                *(value, what, shape),
-                fill=bool(shape),
-                finite=name != "torque_rate",
-                low=0.0,
-                above=above,
-                high=most,
-            )
-            array.flags.writeable = False
-            object.__setattr__(self, name, float(array) if shape == () else array)
+        check_fields(self, "impedance")
 
 
 _TINY = np.finfo(np.float64).tiny

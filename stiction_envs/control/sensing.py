@@ -1,6 +1,6 @@
 """Sensor errors, delays and lost cycles of the controllers of N arms.
 
-    joints --lag of the logged speed--> delay + jitter --noise--> resolution --> q, dq, torque
+    joints --lag of the logged speed--> delay --noise--> resolution --> q, dq
     command --some cycles lost--> delay --> torque path
 
 Sensors are read, and commands sent, once per controller cycle; in between both are held. The speed
@@ -13,8 +13,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -25,89 +26,64 @@ from stiction_envs.control.sensing_kernels import (
     begin_arm,
     send_block,
     sense_block,
-    uniform,
 )
 from stiction_envs.control.torque_path import low_pass_gain
-from stiction_envs.errors import StictionError, checked_array, unknown
+from stiction_envs.errors import StictionError
+from stiction_envs.method_settings import Amount, check_fields, override
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 from stiction_envs.robots.arm_toml import read_toml
 from stiction_envs.robots.registry import ARMS
 
-Numbers = float | tuple[float, ...]  # One number for all joints, or one per joint
-SPEEDS = ("logged", "difference")
-LONGEST = 0.1  # Longest delay, jitter or lag that is simulated [s]; assumed
-PER_JOINT = (
-    *("angle_resolution", "angle_noise", "speed_lag", "speed_noise"),
-    *("torque_resolution", "torque_noise", "torque_offset"),
-)
-"""Fields of `Sensing` that may have one number per joint."""
-_MOST = {"missed_cycles": 1.0, "spread": 1.0} | dict.fromkeys(
-    ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
-)
-FINEST = 1e-12
-"""A finer resolution is none [rad, N·m]; assumed: rounding errors are not far below."""
+LONGEST = 0.1  # Longest delay or lag that is simulated [s]; assumed
+Amounts = Amount | tuple[Amount, ...]  # One number for all joints, or one per joint
+Time = Annotated[float, msgspec.Meta(ge=0, le=LONGEST)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sensing:
     """Senses of one arm. SI units; what ends in "per joint" is one number, or one per joint."""
 
-    speed: str = "logged"  # ``logged``, the robot's own, or ``difference`` of the angles read
-    angle_resolution: Numbers = 0.0  # Step of the angles read, per joint [rad]
-    angle_noise: Numbers = 0.0  # Standard deviation of white noise on them, per joint [rad]
-    speed_lag: Numbers = 0.0
+    speed: Literal["logged", "difference"] = "logged"
+    """The robot's own speed, or the difference of the angles that were read."""
+    angle_resolution: Amounts = 0.0  # Step of the angles read, per joint [rad]
+    angle_noise: Amounts = 0.0  # Standard deviation of white noise on them, per joint [rad]
+    speed_lag: Time | tuple[Time, ...] = 0.0
     """Time constant of the filter of first order behind which the robot logs its speed, per joint
     [s]."""
-    speed_noise: Numbers = 0.0
+    speed_noise: Amounts = 0.0
     """Standard deviation of white noise on a logged speed, per joint [rad/s]."""
-    speed_cutoff: float = 0.0
+    speed_cutoff: Amount = 0.0
     """Corner of the low-pass of first order behind the difference of angles [Hz]; 0 is none."""
-    torque_resolution: Numbers = 0.0  # Step of the joint torques read, per joint [N·m]
-    torque_noise: Numbers = 0.0  # Standard deviation of white noise on them, per joint [N·m]
-    torque_offset: Numbers = 0.0
-    """Standard deviation of their offset, drawn once per simulation and joint [N·m]."""
-    measurement_delay: float = 0.0  # Age of what is read [s]
-    measurement_jitter: float = 0.0  # Readings are older by up to this, uniform per cycle [s]
-    command_delay: float = 0.0  # Time until a command acts [s]
-    missed_cycles: float = 0.0  # Share of cycles whose command is lost: the one before is held [-]
-    spread: float = 0.0  # Noise and delays are times a factor per simulation within 1 ± this [-]
+    measurement_delay: Time = 0.0  # Age of what is read [s]
+    command_delay: Time = 0.0  # Time until a command acts [s]
+    missed_cycles: Annotated[float, msgspec.Meta(ge=0, lt=1)] = 0.0
+    """Share of cycles whose command is lost: the one before is held [-]."""
 
     def __post_init__(self) -> None:
-        if self.speed not in SPEEDS:
-            raise unknown("speed of sensing", self.speed, SPEEDS)
-        for field in fields(self):
-            if field.name == "speed":
-                continue
-            name, shape = field.name, None if field.name in PER_JOINT else ()
-            array = checked_array(
-                *(getattr(self, name), f"sensing {name}", shape),
-                low=0.0,
-                high=_MOST.get(name, np.inf),
-            )
-            if name.endswith("resolution"):
-                array = np.where(array < FINEST, 0.0, array)
-            plain = array.tolist()
-            object.__setattr__(self, name, tuple(plain) if array.ndim else plain)
+        check_fields(self, "sensing")
 
     @property
     def is_ideal(self) -> bool:
         """True if no error is simulated, so nothing is computed."""
-        return self == Sensing(spread=self.spread)
+        return self == Sensing()
 
     def of_joint(self, name: str, n: int) -> Array:
         """Return the numbers (n,) of a field; raise a StictionError for another count of joints."""
-        return checked_array(getattr(self, name), f"sensing {name}", (n,), fill=True)
+        value = np.asarray(getattr(self, name))
+        if value.ndim and len(value) != n:
+            raise StictionError(f"sensing {name} of {len(value)} joints: expected {n}, or one")
+        return np.array(np.broadcast_to(value, (n,)))
 
     def check(self, n: int) -> None:
         """Raise a StictionError unless every field is one number, or one for each of n joints."""
-        for name in PER_JOINT:
-            self.of_joint(name, n)
+        for field in fields(self):
+            if isinstance(getattr(self, field.name), tuple):
+                self.of_joint(field.name, n)
 
 
 SensingLike = str | Path | Sensing
 """``ideal``, ``robot``, a TOML with a table ``[sensing]``, or senses."""
-NAMED = ("ideal", "robot")
 
 
 def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
@@ -138,20 +114,13 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
             )
         where, table = ARMS[arm.registered_name].toml, own[arm.registered_name]
     elif not where.is_file():
-        raise StictionError(f"sensing {what}: expected {', '.join(NAMED)}, or an existing TOML")
+        raise StictionError(f"sensing {what}: expected ideal, robot, or an existing TOML")
     else:
         table = read_toml(where)
     if not isinstance(table.get("sensing"), Mapping):
         raise StictionError(f"{where}: expected a table [sensing]")
-    names = [f.name for f in fields(Sensing)]
-    values: dict[str, Any] = {}
-    for name, entry in table["sensing"].items():
-        if name not in names:
-            raise StictionError(f"{where}: {unknown('field of [sensing]', name, names)}")
-        value = entry.get("value") if isinstance(entry, Mapping) else entry
-        values[name] = tuple(value) if isinstance(value, list) else value
     try:
-        out = Sensing(**values)
+        out = override(Sensing(), table["sensing"])
         out.check(arm.n)
     except StictionError as error:
         raise StictionError(f"{where}: {error}") from None
@@ -163,7 +132,9 @@ def _steps(seconds: float) -> float:
     return round(seconds / CONTROL_DT, 9)
 
 
-FACTOR = 63  # Channel of an arm's factor, which is drawn with control step 0
+def _room(seconds: float) -> int:
+    """Return how many control steps the past of a delay needs."""
+    return int(np.ceil(_steps(seconds))) + 2
 
 
 class Senses:
@@ -180,62 +151,45 @@ class Senses:
         sensing.check(n)
         self.sensing, self._hold = sensing, hold_steps
         s, cycle = sensing, hold_steps * CONTROL_DT
-        seed, scale = np.zeros(nsim, dtype=np.uint64), np.ones(nsim)
-        past = np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n))
-        self.q, self.dq, self.torque = np.zeros((3, nsim, n))
-        """(N, n) what the controller has: angles [rad], speeds [rad/s], torques [N·m]."""
+        seed = np.zeros(nsim, dtype=np.uint64)
+        self.q, self.dq = np.zeros((2, nsim, n))
+        """(N, n) what the controller has: angles [rad], speeds [rad/s]."""
         lag = s.of_joint("speed_lag", n) if s.speed == "logged" else np.zeros(n)
         noise = s.of_joint("speed_noise", n) if s.speed == "logged" else np.zeros(n)
-        self._offset = s.of_joint("torque_offset", n)
         self.arrays = Measured(
             speed_by_difference=s.speed == "difference",
             cycle=cycle,
             speed_gain=low_pass_gain(s.speed_cutoff, cycle),
             delay=_steps(s.measurement_delay),
-            jitter=_steps(s.measurement_jitter),
             # delays slow motion by exactly the lag
             lag_gain=CONTROL_DT / (CONTROL_DT + lag),
             angle_noise=s.of_joint("angle_noise", n),
             angle_resolution=s.of_joint("angle_resolution", n),
             speed_noise=noise,
-            torque_noise=s.of_joint("torque_noise", n),
-            torque_resolution=s.of_joint("torque_resolution", n),
-            torque_offset=np.zeros((nsim, n)),
-            scale=scale,
             seed=seed,
-            past=past,
+            past=np.zeros((nsim, _room(s.measurement_delay), 2, n)),
             q=self.q,
             dq=self.dq,
-            torque=self.torque,
         )
         self.sent = Sent(
             missed=s.missed_cycles,
             delay=_steps(s.command_delay),
-            scale=scale,
             seed=seed,
             held=np.zeros((nsim, n)),
-            past=np.zeros((nsim, self._room(s.command_delay), n)),
+            past=np.zeros((nsim, _room(s.command_delay), n)),
             arrived=np.zeros((nsim, n)),
         )
         """Both are arrays of compiled functions, always the same objects; ``arrived`` (N, n) is
         what acts since the last command arrived [N·m]."""
 
-    def _room(self, *seconds: float) -> int:
-        """Return how many control steps a past of these times needs."""
-        return int(np.ceil((1.0 + self.sensing.spread) * _steps(sum(seconds)))) + 2
-
     def reset(self, ids: Index, q: Array, seeds: ArrayLike) -> None:
         """Let arms ``ids`` have rested at q (M, n) [rad] for long: averaged, without torque.
 
-        ``seeds`` (M,) are whole numbers below 2⁶⁴, from which noise and delays are drawn.
+        ``seeds`` (M,) are whole numbers below 2⁶⁴, from which noise and lost cycles are drawn.
         """
-        seed, spread = self.arrays.seed, self.sensing.spread
-        seed[ids] = np.asarray(seeds, dtype=np.uint64)
-        if spread > 0:
-            drawn = np.array([uniform(s, 0, FACTOR) for s in seed[ids]])
-            self.arrays.scale[ids] = 1.0 + spread * (2.0 * drawn - 1.0)
+        self.arrays.seed[ids] = np.asarray(seeds, dtype=np.uint64)
         for row, i in enumerate(ids):
-            begin_arm(i, q[row], self._offset, self.arrays)
+            begin_arm(i, q[row], self.arrays)
         self.hold(ids, 0.0)
 
     def hold(self, ids: Index, torque: Array | float) -> None:

@@ -22,8 +22,7 @@ _ONE, _HIGH = np.uint64(1), np.uint64(11)
 _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
 _STRIDE, _OWN = 64, 48
 """Channels of a control step: four of each joint, and those of the whole arm from `_OWN` on."""
-JITTER, MISSED = _OWN, _OWN + 1  # Channels of an arm
-START = -1  # Control step of what is drawn once, when a simulation starts
+MISSED = _OWN + 1  # Channel of an arm
 
 
 class Measured(NamedTuple):
@@ -33,20 +32,14 @@ class Measured(NamedTuple):
     cycle: float  # Time between two readings [s]
     speed_gain: float  # Gain of the low-pass behind the difference of angles [-]; 1 is none
     delay: float  # [control steps]
-    jitter: float  # [control steps]
     lag_gain: Array  # Gain per control step of the filter of the logged speed [-]; 1 is none
     angle_noise: Array
     angle_resolution: Array
     speed_noise: Array
-    torque_noise: Array
-    torque_resolution: Array
-    torque_offset: Array  # (N, n) [N·m]
-    scale: Array  # (N,) of noise and delays [-]
     seed: NDArray[np.uint64]  # (N,)
-    past: Array  # (N, R, 3, n) q, dq, torque of the last R control steps [rad, rad/s, N·m]
+    past: Array  # (N, R, 2, n) q, dq of the last R control steps [rad, rad/s]
     q: Array  # (N, n) what was read last [rad]
     dq: Array  # (N, n) [rad/s]
-    torque: Array  # (N, n) [N·m]
 
 
 class Sent(NamedTuple):
@@ -54,7 +47,6 @@ class Sent(NamedTuple):
 
     missed: float  # Probability that a command does not arrive [-]
     delay: float  # [control steps]
-    scale: Array  # (N,) of the delay [-]
     seed: NDArray[np.uint64]  # (N,)
     held: Array  # (N, C) the last command that arrived [N·m]
     past: Array  # (N, R, C) commands of the last R control steps [N·m]
@@ -98,29 +90,19 @@ def _rounded(value: float, resolution: float) -> float:
 
 
 @compiled
-def begin_arm(i: int, q: Array, offset: Array, m: Measured) -> None:
-    """Let arm ``i`` have rested at q (n,) [rad] without torque for long.
-
-    ``offset`` (n,) is the standard deviation of the torque sensors' offset [N·m].
-    """
+def begin_arm(i: int, q: Array, m: Measured) -> None:
+    """Let arm ``i`` have rested at q (n,) [rad] for long."""
     for j in range(len(q)):
         for k in range(m.past.shape[1]):
-            m.past[i, k, 0, j], m.past[i, k, 1, j], m.past[i, k, 2, j] = q[j], 0.0, 0.0
-        m.torque_offset[i, j] = 0.0
-        if offset[j] > 0.0:
-            drawn, _ = normals(m.seed[i], START, 4 * j)
-            m.torque_offset[i, j] = m.scale[i] * offset[j] * drawn
+            m.past[i, k, 0, j], m.past[i, k, 1, j] = q[j], 0.0
         m.q[i, j], m.dq[i, j] = _rounded(q[j], m.angle_resolution[j]), 0.0
-        m.torque[i, j] = m.torque_offset[i, j]
 
 
 @compiled
-def sense_arm(
-    due: bool, i: int, step: int, q: Array, dq: Array, torque: Array, m: Measured
-) -> None:
+def sense_arm(due: bool, i: int, step: int, q: Array, dq: Array, m: Measured) -> None:
     """Note the state of arm ``i`` at a control step; where ``due``, read the sensors.
 
-    True angles [rad], speeds [rad/s] and torques [N·m] are (n,); steps count from the arm's start.
+    True angles [rad] and speeds [rad/s] are (n,); steps count from the arm's start.
     """
     size = m.past.shape[1]
     now, before = step % size, (step - 1) % size
@@ -130,29 +112,20 @@ def sense_arm(
         if gain < 1.0:
             last = m.past[i, before, 1, j]
             speed = last + gain * (dq[j] - last)
-        m.past[i, now, 0, j], m.past[i, now, 1, j], m.past[i, now, 2, j] = q[j], speed, torque[j]
+        m.past[i, now, 0, j], m.past[i, now, 1, j] = q[j], speed
     if not due:
         return
-    seed, scale = m.seed[i], m.scale[i]
-    delay = scale * m.delay
-    if m.jitter > 0.0:
-        delay += scale * m.jitter * uniform(seed, step, JITTER)
     for j in range(len(q)):
-        angle, speed = _at(m.past, i, step, delay, 0, j), _at(m.past, i, step, delay, 1, j)
+        angle, speed = _at(m.past, i, step, m.delay, 0, j), _at(m.past, i, step, m.delay, 1, j)
         if m.angle_noise[j] > 0.0 or m.speed_noise[j] > 0.0:
-            one, two = normals(seed, step, 4 * j)
-            angle += scale * m.angle_noise[j] * one
-            speed += scale * m.speed_noise[j] * two
+            one, two = normals(m.seed[i], step, 4 * j)
+            angle += m.angle_noise[j] * one
+            speed += m.speed_noise[j] * two
         angle = _rounded(angle, m.angle_resolution[j])
         if m.speed_by_difference:
             slope = (angle - m.q[i, j]) / m.cycle
             speed = m.dq[i, j] + m.speed_gain * (slope - m.dq[i, j])
         m.q[i, j], m.dq[i, j] = angle, speed
-        felt = _at(m.past, i, step, delay, 2, j) + m.torque_offset[i, j]
-        if m.torque_noise[j] > 0.0:
-            one, _ = normals(seed, step, 4 * j + 2)
-            felt += scale * m.torque_noise[j] * one
-        m.torque[i, j] = _rounded(felt, m.torque_resolution[j])
 
 
 @compiled
@@ -165,7 +138,7 @@ def sense_block(
     ``hold`` between two readings; angles q and those ``seen``, written, are (M, K, n) [rad].
     """
     size, n = m.past.shape[1], q.shape[2]
-    speed, torque = np.empty(n), np.zeros(n)
+    speed = np.empty(n)
     for row in range(len(ids)):
         i = ids[row]
         for k in range(q.shape[1]):
@@ -173,7 +146,7 @@ def sense_block(
             for j in range(n):
                 last = m.past[i, (now - 1) % size, 0, j]
                 speed[j] = (q[row, k, j] - last) / dt
-            sense_arm(now % hold == 0, i, now, q[row, k], speed, torque, m)
+            sense_arm(now % hold == 0, i, now, q[row, k], speed, m)
             for j in range(n):
                 seen[row, k, j] = m.q[i, j]
 
@@ -183,9 +156,8 @@ def send_arm(due: bool, i: int, step: int, command: Array, s: Sent) -> None:
     """Send a command (C,) of arm ``i``; write what arrives in this control step."""
     size = s.past.shape[1]
     lost = due and s.missed > 0.0 and uniform(s.seed[i], step, MISSED) <= s.missed
-    delay = s.scale[i] * s.delay
-    whole = int(np.floor(delay))
-    part = delay - whole
+    whole = int(np.floor(s.delay))
+    part = s.delay - whole
     for c in range(len(command)):
         if due and not lost:
             s.held[i, c] = command[c]

@@ -9,12 +9,9 @@ for any N.
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, get_type_hints
 
-import msgspec
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -24,40 +21,33 @@ from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.trapezoid import Goals, Movement, Reference, plan, sample
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of, read_lines
-from stiction_envs.method_settings import Positive
+from stiction_envs.method_settings import FinitePositive, Positive, check_fields
 
 POSITION = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
 QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT = 1e-3  # largest departure of a quaternion's length from 1 in a file [-] (assumed)
 _DEFAULT, _SIZES = GTE_DEFAULTS["motion"], GTE_DEFAULTS["path"]
-_Finite = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
     """Speed limits of a reference, and tolerances of a goal; ``gte.toml`` has the sources."""
 
-    translational_speed: _Finite = _DEFAULT["translational_speed"]  # [m/s]
-    rotational_speed: _Finite = _DEFAULT["rotational_speed"]  # [rad/s]
-    translational_acceleration: _Finite = _DEFAULT["translational_acceleration"]  # [m/s²]
-    rotational_acceleration: _Finite = _DEFAULT["rotational_acceleration"]  # [rad/s²]
-    translational_deceleration: _Finite = _DEFAULT["translational_deceleration"]  # [m/s²]
-    rotational_deceleration: _Finite = _DEFAULT["rotational_deceleration"]  # [rad/s²]
-    publish_rate_hz: _Finite = _DEFAULT["publish_rate_hz"]  # Rate of new references [Hz]
+    translational_speed: FinitePositive = _DEFAULT["translational_speed"]  # [m/s]
+    rotational_speed: FinitePositive = _DEFAULT["rotational_speed"]  # [rad/s]
+    translational_acceleration: FinitePositive = _DEFAULT["translational_acceleration"]  # [m/s²]
+    rotational_acceleration: FinitePositive = _DEFAULT["rotational_acceleration"]  # [rad/s²]
+    translational_deceleration: FinitePositive = _DEFAULT["translational_deceleration"]  # [m/s²]
+    rotational_deceleration: FinitePositive = _DEFAULT["rotational_deceleration"]  # [rad/s²]
+    publish_rate_hz: FinitePositive = _DEFAULT["publish_rate_hz"]  # Rate of new references [Hz]
     position_tolerance: Positive = _DEFAULT["position_tolerance"]
     """Largest distance from a goal that is reached [m]; inf: time alone decides."""
     rotation_tolerance: Positive = _DEFAULT["rotation_tolerance"]  # Angle from a reached goal [rad]
-    patience: _Finite = _DEFAULT["patience"]  # Longest wait at a goal [s]
+    patience: FinitePositive = _DEFAULT["patience"]  # Longest wait at a goal [s]
 
     def __post_init__(self) -> None:
-        for name, kind in get_type_hints(MotionLimits, include_extras=True).items():
-            value = getattr(self, name)
-            try:
-                msgspec.convert(value.item() if isinstance(value, np.generic) else value, kind)
-            except msgspec.ValidationError as error:
-                problem = str(error).replace("Expected", "expected")
-                raise StictionError(f"motion {name} is {value!r}: {problem}") from None
+        check_fields(self, "motion")
 
 
 def new_movements(nsim: int, s: MotionLimits) -> Movement:

@@ -24,6 +24,7 @@ from stiction_envs.arrays import Array, Bools
 from stiction_envs.envs.evaluation import AnyEnv, State
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
 
@@ -49,13 +50,17 @@ class Agent(ABC):
         Raises:
             StictionError: another environment.
         """
-        base = _own(env, type(self).__name__)
-        names = list(base.observation_names)
-        self.n = n = int(base.core.n)
-        space = base.core.action_space
+        base = env.unwrapped
+        if not isinstance(base, ArmEnv | ArmVectorEnv):
+            raise StictionError(
+                f"{type(self).__name__}: {type(base).__name__}: expected an environment of "
+                "stiction_envs"
+            )
+        self.core, names = base.core, list(base.observation_names)
+        self.n = n = int(self.core.n)
+        space = self.core.action_space
         self.low, self.high = space.low.astype(float), space.high.astype(float)
         self._speed = np.array([names.index(f"velocity_{j}") for j in range(1, n + 1)])
-        self._speed_unit = float(base.core.speed_unit)
 
     def predict(
         self,
@@ -97,27 +102,36 @@ class RandomDither(Agent):
         return self.low + share * (self.high - self.low)
 
 
-class ConstantTable(Agent):
-    """The amplitudes and frequencies of a table, always; gates of the table are ignored."""
+class GatedTable(Agent):
+    """A table whose amplitudes fade with joint speed: A exp(−(q̇/v_gate)²), as `Dither`'s.
 
-    def __init__(self, env: AnyEnv, table: Table | None = None) -> None:
+    A controller reads the speed in every cycle, an agent once per step.
+    """
+
+    def __init__(
+        self, env: AnyEnv, table: Table | None = None, *, speed: float = GATE_SPEED
+    ) -> None:
         """Read the environment, and a table: a file, or rows; None for `usual_table`.
+
+        ``speed`` is v_gate of joints without a gate in the table [rad/s], above 0; inf for no gate.
 
         Raises:
             StictionError: another environment, or a table that cannot be read or is outside the
                 bounds of the action.
         """
         super().__init__(env)
+        if not speed > 0:
+            raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
         where = table if isinstance(table, (str, Path)) else "table"
         if table is None:
-            rows: Sequence[AmplitudeRow] = usual_table(env)
+            rows: Sequence[AmplitudeRow] = usual_table(self.core)
         elif isinstance(table, (str, Path)):
             rows = read_amplitudes(Path(table), n_joints=self.n)
         else:
             rows = table
-        waveform = _own(env, "usual table").core.waveform
+        waveform = self.core.waveform
         self.amplitude, self.frequency = np.zeros(self.n), self.low[self.n :].copy()
-        self.gate = np.full(self.n, np.inf)
+        self.gate = np.full(self.n, speed)
         for row in rows:
             if not 1 <= row.joint <= self.n:
                 raise StictionError(f"{where}: joint {row.joint}: expected 1 to {self.n}")
@@ -137,65 +151,23 @@ class ConstantTable(Agent):
                         f"{self.low[k]:g} to {self.high[k]:g}, as in the environment's action"
                     )
             self.amplitude[j], self.frequency[j] = row.amplitude_nm, row.frequency_hz
-            self.gate[j] = row.gate_velocity
+            self.gate[j] = row.gate_rad_s or speed
 
     def _act(self, observation: Observation) -> Array:
-        amplitude = np.tile(self.amplitude, (len(observation), 1))
-        return self._actions(amplitude)
-
-    def _actions(self, amplitude: Array) -> Array:
-        """Return actions with amplitudes (M, n) [N·m]."""
+        speed = observation[:, self._speed].astype(float) * self.core.speed_unit
+        amplitude = np.exp(-((speed / self.gate) ** 2)) * self.amplitude
         return np.concatenate([amplitude, np.tile(self.frequency, (len(amplitude), 1))], axis=1)
 
 
-class GatedTable(ConstantTable):
-    """A table whose amplitudes fade with joint speed: A exp(−(q̇/v_gate)²), as `Dither`'s.
-
-    A controller reads the speed in every cycle, an agent once per step.
-    """
-
-    def __init__(
-        self, env: AnyEnv, table: Table | None = None, *, speed: float = GATE_SPEED
-    ) -> None:
-        """Read environment and table as `ConstantTable`.
-
-        ``speed`` is v_gate of joints without a gate in the table [rad/s], above 0; inf for no gate.
-        """
-        super().__init__(env, table)
-        if not speed > 0:
-            raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
-        self.gate = np.where(np.isfinite(self.gate), self.gate, speed)
-
-    def _act(self, observation: Observation) -> Array:
-        speed = observation[:, self._speed].astype(float) * self._speed_unit
-        return self._actions(np.exp(-((speed / self.gate) ** 2)) * self.amplitude)
-
-
-AGENTS: dict[str, type[Agent]] = {
-    "none": NoDither,
-    "random": RandomDither,
-    "constant": ConstantTable,
-    "gated": GatedTable,
-}
+AGENTS: dict[str, type[Agent]] = {"none": NoDither, "random": RandomDither, "gated": GatedTable}
 """Agents by name; each needs no argument but the environment."""
 
 
-def usual_table(env: AnyEnv) -> tuple[AmplitudeRow, ...]:
+def usual_table(core: Episodes) -> tuple[AmplitudeRow, ...]:
     """Return Table 4.9 of the thesis for its Panda; other arms get its proportions (assumed)."""
-    core = _own(env, "usual table").core
     if core.arm.registered_name in thesis_robots("4.9"):
         return thesis_final_dither()
     return proportional_table(core.stiction, core.action_space.high[: core.n].astype(float))
-
-
-def _own(env: AnyEnv, what: str) -> ArmEnv | ArmVectorEnv:
-    """Return an environment of this package without its wrappers; refuse others."""
-    base = env.unwrapped
-    if not isinstance(base, ArmEnv | ArmVectorEnv):
-        raise StictionError(
-            f"{what}: {type(base).__name__}: expected an environment of stiction_envs"
-        )
-    return base
 
 
 def proportional_table(stiction: Array, most: Array) -> tuple[AmplitudeRow, ...]:

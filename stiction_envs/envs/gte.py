@@ -122,10 +122,9 @@ class GTEEnv(ArmEnv):
     * `tool`: x, y, z of the point that is controlled and measured, from the flange in the hand's
       frame [m]; the Panda's hand has (0, 0, 0.1034). Default: the flange.
     * `compensation`: friction compensation, besides the dither: `"feedforward"` of the reference
-      motion, `"push"` in the sign of the joint error, `"smooth_sign"`, `"partial"`,
-      `"lugre_observer"` or `"momentum_observer"`, with gains of `friction`; a file of
-      gains (`compensation.csv`, `final.yaml`); or a `Compensation`. Undithered
-      runs are compensated too. Default none.
+      motion, `"push"` in the sign of the joint error, `"lugre_observer"` or
+      `"momentum_observer"`, with gains of `friction`; a file of gains (`compensation.csv`,
+      `final.yaml`); or a `Compensation`. Undithered runs are compensated too. Default none.
     * `controller_model`: the controller's model of the arm, an `Arm`, for a wrong payload or tilt.
       Default: the true arm.
     * `random_paths`: number of random paths to draw from. Default 64, whose undithered runs (4

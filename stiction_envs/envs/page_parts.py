@@ -48,16 +48,15 @@ actions in [-1, 1].""",
 * `tilt`: roll and pitch of the base [rad]. Default (0, 0).
 * `chain`: links at the base and the tip of the arm in a file of a bigger robot. Default: none.
 * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
-* `sensing`: errors of measured angles, speeds and torques, and delays: `"ideal"`, `"robot"` (the
-  senses of the arm's TOML), the path of a TOML with a table `[sensing]`, or a `Sensing`. Rewards
-  and measures use the true arm. Default `"ideal"`.""",
+* `sensing`: errors of measured angles and speeds, and delays: `"ideal"`, `"robot"` (the senses of
+  the arm's TOML), the path of a TOML with a table `[sensing]`, or a `Sensing`. Rewards and measures
+  use the true arm. Default `"ideal"`.""",
     "arguments of the episodes": """\
 * `fixed_options`: reset options of all episodes; options of a single reset replace these.
 * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
   in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
   joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
-  observation and reward, bounds and controller remain the nominal arm's. `"senses"` is the
-  spread of one factor of noise and delays, where `sensing` is not ideal. Default none.
+  observation and reward, bounds and controller remain the nominal arm's. Default none.
 * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
   units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
 * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.

@@ -225,18 +225,16 @@ class _Bench:
         def torque(t: Array) -> Array:
             return s.under * self.level[:, None] * minimum_jerk(t / s.rise_time)
 
-        low, high = np.full(2 * self.n, np.inf), np.full(2 * self.n, -np.inf)
-        first: Array | None = None
-        for part, moved in self.run(torque, s.hold_time, (1, -1)):
-            late = part["time"] >= s.hold_time - s.watched_time
-            if late.any():
-                low = np.minimum(low, moved[:, late].min(axis=1))
-                high = np.maximum(high, moved[:, late].max(axis=1))
-                first = moved[:, late][:, 0] if first is None else first
-            end = moved[:, -1]
-        assert first is not None
-        creep = np.abs(end - first) / s.watched_time
-        return self.worse(np.abs(end)), self.worse(high - low), self.worse(creep)
+        late = np.concatenate(
+            [
+                moved[:, part["time"] >= s.hold_time - s.watched_time]
+                for part, moved in self.run(torque, s.hold_time, (1, -1))
+            ],
+            axis=1,
+        )
+        creep = np.abs(late[:, -1] - late[:, 0]) / s.watched_time
+        still = np.ptp(late, axis=1)
+        return self.worse(np.abs(late[:, -1])), self.worse(still), self.worse(creep)
 
     def go(self) -> Array:
         """Return the time to `gone` under the larger load [s], NaN if that is not reached."""

@@ -34,7 +34,6 @@ from stiction_envs.experiments.randomise import (
     FIELDS,
     check_spreads,
     randomised,
-    randomised_senses,
     true_friction,
 )
 from stiction_envs.experiments.rig import Experiment, Rig, count_blocks
@@ -134,8 +133,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         e = self._experiment(a, arm, a.friction)
         check_torque_driven(e.sticking, "environments")
         self._spreads = check_spreads(a.randomise, e.sticking)
-        senses = randomised_senses(load_sensing(arm, a.sensing), a.randomise)
-        self.experiment = e = e.replace(sensing=senses)
+        self.experiment = e = e.replace(sensing=load_sensing(arm, a.sensing))
         block = self.block_steps(e)
         blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
         self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block

@@ -2,19 +2,16 @@
 
 Each number of a joint is multiplied by a factor, uniform in [1 − spread, 1 + spread], drawn for
 every joint and episode from that episode's generator. The controller, the bounds of the action and
-the units of observation and reward remain the nominal arm's: they are what a person knows. Noise
-and delays of its senses, where they are not ideal, have one factor per episode.
+the units of observation and reward remain the nominal arm's: they are what a person knows.
 """
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.control.sensing import Sensing
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, scaled
@@ -26,30 +23,27 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "load": ("load_coefficient",),
 }
 """Fields of the friction that a spread is about; Coulomb friction is a share of the stiction."""
-SENSES = "senses"  # The spread of noise and delays of the senses
 
 
 def check_spreads(
     randomise: Mapping[str, float] | None, sticking: StickingModel
 ) -> dict[str, float]:
-    """Return the spread of each of `FIELDS`, or nothing where all are 0; see `randomised_senses`.
+    """Return the spread of each of `FIELDS`, or nothing where all are 0.
 
     Raise a StictionError for an unknown name, a spread outside [0, 1), or chattering bristles.
     """
-    names = (*FIELDS, SENSES)
     if randomise is not None and not isinstance(randomise, Mapping):
         raise StictionError(
-            f"randomise is a {type(randomise).__name__}: expected a dict with {', '.join(names)}"
+            f"randomise is a {type(randomise).__name__}: expected a dict with {', '.join(FIELDS)}"
         )
-    spreads = dict.fromkeys(names, 0.0)
+    spreads = dict.fromkeys(FIELDS, 0.0)
     for name, value in (randomise or {}).items():
-        if name not in names:
-            raise unknown("spread to randomise", name, names)
+        if name not in FIELDS:
+            raise unknown("spread to randomise", name, FIELDS)
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not (number and 0 <= value < 1):
             raise StictionError(f"randomise {name} {value!r}: expected 0 to under 1")
         spreads[name] = float(value)
-    del spreads[SENSES]
     if not any(spreads.values()):
         return {}
     try:  # the lightest rotor under the stiffest bristles
@@ -59,14 +53,6 @@ def check_spreads(
     except StictionError as error:
         raise StictionError(f"randomise {dict(randomise or {})}: {error}") from None
     return spreads
-
-
-def randomised_senses(sensing: Sensing, randomise: Mapping[str, float] | None) -> Sensing:
-    """Return senses with the spread that ``randomise`` has for them; raise for ideal senses."""
-    spread = (randomise or {}).get(SENSES, 0.0)
-    if spread and sensing.is_ideal:
-        raise StictionError(f"randomise {SENSES}: the senses are ideal: expected other sensing")
-    return dataclasses.replace(sensing, spread=spread) if spread else sensing
 
 
 def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:

@@ -33,6 +33,7 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.holding_servos import Approach, Servos
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.sticking import model_sha256
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, Plant
 
@@ -90,9 +91,15 @@ class Experiment:
         return out
 
     @property
-    def sensing_record(self) -> dict[str, object]:
-        """Entry of a provenance for the senses."""
-        return {"sensing": dataclasses.asdict(self.sensing)}
+    def record(self) -> dict[str, object]:
+        """Entries of a provenance for all but protocol and seed."""
+        return {
+            "robot": self.sticking.arm.name,
+            "model_sha256": model_sha256(self.sticking),
+            "interface": dataclasses.asdict(self.interface),
+            "sensing": dataclasses.asdict(self.sensing),
+            "scatter": self.scatter,
+        }
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"
@@ -142,7 +149,6 @@ class Rig:
             parameters=parameters,
             threads=experiment.threads,
             closed_loop=closed_loop,
-            senses_torque=closed_loop and not experiment.sensing.is_ideal,
         )
         self.approach_numbers = approach
         self.nsim, self.n = nsim, sticking.n

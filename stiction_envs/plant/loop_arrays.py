@@ -55,12 +55,6 @@ class PlantArrays(NamedTuple):
     applied: Array  # (N, V) torque on the hinges that no actuator makes, written [N·m]
     bias: Array  # (N, C, parameters) of the actuators, written
     damping: Array  # (N, V) of the hinges, written [N·m·s/rad]
-    passive: Array
-    gravity: Array
-    actuated: Array
-    acceleration: Array
-    """(N, V) the engine's ``qfrc_passive``, ``qfrc_gravcomp``, ``qfrc_actuator`` [N·m] and
-    ``qacc`` [rad/s²]; empty where `write_joint_torque` is not used."""
 
 
 @inlined
@@ -70,24 +64,6 @@ def write_links(i: int, first: int, a: PlantArrays, out: Array) -> None:
         out[j] = a.state[i, first + a.motor[j]]
         if a.spring[j] >= 0:
             out[j] += a.state[i, first + a.spring[j]]
-
-
-@compiled
-def write_joint_torque(i: int, a: PlantArrays, out: Array) -> None:
-    """Write the torque (n,) behind the gears of simulation ``i`` [N·m].
-
-    It is what a torque sensor there reads less the weight that the robot compensates: of an elastic
-    joint the spring's, of a rigid one what friction and rotor leave. What `Plant.offset` balances
-    is no part of it.
-    """
-    for j in range(len(out)):
-        k = a.spring[j]
-        if k >= 0:
-            out[j] = a.passive[i, k] - a.gravity[i, k]
-        else:
-            k = a.motor[j]
-            out[j] = a.actuated[i, k] + (a.passive[i, k] - a.gravity[i, k])
-            out[j] -= a.friction.rotor_inertia[i, j] * a.acceleration[i, k]
 
 
 @compiled

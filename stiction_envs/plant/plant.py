@@ -45,7 +45,6 @@ class Plant:
         parameters: FrictionParameters | None = None,
         threads: int = 0,
         closed_loop: bool = False,
-        senses_torque: bool = False,
     ) -> None:
         """Make the simulations; all rest at the arm's rest pose with servos off.
 
@@ -55,7 +54,6 @@ class Plant:
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
             threads: threads, 0 for all processors.
             closed_loop: whether compiled code steps the simulations (`loop_batch`).
-            senses_torque: whether that code uses `loop_arrays.write_joint_torque`.
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
@@ -74,7 +72,7 @@ class Plant:
         base = sticking.parameters if parameters is None else parameters
         tiled = base.tile(nsim) if base.rotor_inertia.ndim == 1 else base
         self._p = {k: np.array(getattr(tiled, k), order="C") for k in QUANTITIES}
-        self.arrays = self._make_arrays(senses_torque)
+        self.arrays = self._make_arrays()
         """Arrays of compiled code; always the same objects."""
         self.reset(np.arange(nsim), np.broadcast_to(sticking.arm.rest, (nsim, self.n)))
         self.set_friction(np.arange(nsim), tiled)
@@ -267,13 +265,9 @@ class Plant:
         raise_if_stopped(self.batch)
         return out
 
-    def _make_arrays(self, senses_torque: bool) -> PlantArrays:
+    def _make_arrays(self) -> PlantArrays:
         s, batch, nsim, first = self.sticking, self.batch, self.nsim, self.batch.state.ctypes.data
         torque = self._ctrl[:, self._torque_columns]
-        nothing = np.zeros((0, 0))
-        nothing.flags.writeable = False
-        names = "qfrc_passive", "qfrc_gravcomp", "qfrc_actuator", "qacc"
-        felt = [batch.bind(name) if senses_torque else nothing for name in names]
         return PlantArrays(
             state=batch.state,
             qpos=(self._qpos.ctypes.data - first) // 8,
@@ -294,10 +288,6 @@ class Plant:
             applied=batch.bind("qfrc_applied"),
             bias=batch.expand("actuator_biasprm"),
             damping=batch.expand("dof_damping"),
-            passive=felt[0],
-            gravity=felt[1],
-            actuated=felt[2],
-            acceleration=felt[3],
         )
 
     def loops(self) -> list[tuple[int, int, Loop]]:

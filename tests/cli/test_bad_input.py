@@ -90,7 +90,7 @@ BAD = {
         "200 -20 0": "from 0",
     },
     f"gte panda {TRIANGLE}": {
-        "--compensation pull": "'pull': expected one of feedforward, push, smooth_sign",
+        "--compensation pull": "'pull': expected one of feedforward, push, lugre_observer",
         "--compensation {good.csv}": "gain_nm",
         "--compensation {good.csv} --compensation-table {good.csv}": "not with --compensation FILE",
         "--compensation push --compensation-table {gains8.csv}": "1 to 7",

@@ -99,7 +99,7 @@ class Rig:
         self.model.dof_armature[:] = rotor
         self.data = mujoco.MjData(self.model)
         self.site = self.model.site(self.arm.end_effector).id
-        given = ImpedanceSettings(**({"torque_rate": np.inf, "rate_hz": 1 / dt} | settings))
+        given = ImpedanceSettings(**({"torque_rate": np.inf} | settings))
         self.control = Controllers(given, 1, self.arm.limits)
         self.put(self.arm.rest)
 

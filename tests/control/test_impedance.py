@@ -203,14 +203,14 @@ def test_q_and_minus_q_give_the_same_torque():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"translational_stiffness": -1.0}, "translational stiffness is -1: .* from 0"),
-        ({"rotational_stiffness": [1.0, 2.0]}, "rotational stiffness has shape"),
-        ({"translational_stiffness": "stiff"}, "translational stiffness is a str"),
-        ({"nullspace_stiffness": np.nan}, "nullspace stiffness is nan"),
-        ({"damping_ratio": 1.1}, "damping ratio is 1.1.* to 1"),
-        ({"torque_rate": 0.0}, "torque rate is 0: .* above 0"),
-        ({"rate_hz": np.inf}, "rate hz is inf.*finite"),
-        ({"limit_margin": [1.0, 2.0]}, "limit margin has shape"),
+        ({"translational_stiffness": -1.0}, "translational_stiffness is -1.0: .*>= 0"),
+        ({"rotational_stiffness": [1.0, 2.0]}, "rotational_stiffness is .*of length >= 3"),
+        ({"translational_stiffness": "stiff"}, "translational_stiffness is 'stiff': expected"),
+        ({"nullspace_stiffness": np.nan}, "nullspace_stiffness is nan"),
+        ({"damping_ratio": 1.1}, "damping_ratio is 1.1.*<= 1"),
+        ({"torque_rate": 0.0}, "torque_rate is 0.0.*> 0"),
+        ({"singular_length": np.inf}, "singular_length is inf"),
+        ({"limit_margin": [1.0, 2.0]}, "limit_margin is .*expected `float`"),
     ],
 )
 def test_bad_settings_say_what_and_what_was_expected(change, words):

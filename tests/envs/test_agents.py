@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
+from stiction_envs.envs.agents import AGENTS, GatedTable
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 
@@ -38,14 +40,17 @@ def test_every_agent_stays_in_the_space_alone_and_in_a_batch(kind, agent):
     assert np.array_equal(one, actions[7])
 
 
-def test_a_constant_table_is_the_table(env, tmp_path):
-    action = ConstantTable(env, ROWS).predict(seen(env, velocity={1: 1.0, 6: 1.0}))[0]
+def test_a_table_without_gates_is_the_table(env, tmp_path):
+    rows = [dataclasses.replace(row, gate_rad_s=0.0) for row in ROWS]
+    agent = GatedTable(env, rows, speed=np.inf)
+    action = agent.predict(seen(env, velocity={1: 1.0, 6: 1.0}))[0]
     assert action[[0, 5]] == pytest.approx([0.5, 0.3])
     assert action[[7, 12]] == pytest.approx([50, 20])
     assert not action[[1, 2, 3, 4, 6]].any()
     file = tmp_path / "table.csv"
     file.write_text("joint,frequency_hz,amplitude_nm\n1,50,0.5\n6,20,0.3\n")
-    assert np.array_equal(ConstantTable(env, file).predict(seen(env))[0], action)
+    read = GatedTable(env, file, speed=np.inf)
+    assert np.array_equal(read.predict(seen(env))[0], action)
 
 
 def test_a_gated_table_fades_with_speed(env):
@@ -71,4 +76,4 @@ def test_a_gated_table_fades_with_speed(env):
 )
 def test_wrong_tables(env, rows, words):
     with pytest.raises(StictionError, match=words):
-        ConstantTable(env, rows)
+        GatedTable(env, rows)

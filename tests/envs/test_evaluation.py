@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.envs.agents import ConstantTable, NoDither, RandomDither
+from stiction_envs.envs.agents import GatedTable, NoDither, RandomDither
 from stiction_envs.envs.evaluation import evaluate
 from stiction_envs.errors import StictionError
 from tests.envs.helpers import GTE, KINDS, QUICK, SJE, TRIANGLE, episode, same
@@ -35,7 +35,7 @@ def test_rows_are_the_same_bits_in_any_batch(kind):
 @pytest.mark.parametrize("kind", ["gte", "sje"])
 def test_a_row_is_what_the_single_environment_says(kind):
     env = KINDS[kind].make_batch(2)
-    agent = ConstantTable(env)
+    agent = GatedTable(env, speed=np.inf)
     option = OPTIONS[kind][0]
     row = evaluate(env, agent, [4, 11], option)[1]
     single = KINDS[kind].make()

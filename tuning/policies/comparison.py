@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.dither.tables import shipped_table
-from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
+from stiction_envs.envs.agents import AGENTS, GatedTable
 from stiction_envs.envs.evaluation import PolicyLike, evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
@@ -109,16 +109,11 @@ def evaluate_all(
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
     rows: list[dict[str, object]] = []
+    every = range(episodes)
     for name, agent in agents:
-        for start in range(0, episodes, env.num_envs):
-            part = range(start, min(episodes, start + env.num_envs))
-            progress(name, start, episodes)
-            found = evaluate(
-                env, agent, [seed + k for k in part], [_held_out(task, k) for k in part]
-            )
-            rows += [
-                {"policy": name, "episode": k, **row} for k, row in zip(part, found, strict=True)
-            ]
+        progress(name, 0, episodes)
+        found = evaluate(env, agent, [seed + k for k in every], [_held_out(task, k) for k in every])
+        rows += [{"policy": name, "episode": k, **row} for k, row in enumerate(found)]
         progress(name, episodes, episodes)
     env.close()
     return Evaluated(environment=task.name, rows=tuple(rows))
@@ -161,10 +156,7 @@ def read_agent(name: str, task: Task, env: ArmVectorEnv) -> PolicyLike:
             f"unknown policy {name!r}: expected one of {', '.join(POLICIES)}, a policy.zip or an "
             "amplitude table (.csv)"
         )
-    rows = read_amplitudes(path, n_joints=env.core.n)
-    if any(row.gate_rad_s for row in rows):
-        return GatedTable(env, path, speed=np.inf)
-    return ConstantTable(env, path)
+    return GatedTable(env, path, speed=np.inf)
 
 
 def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:

@@ -7,13 +7,13 @@ the extra `rl`.
 
 from __future__ import annotations
 
-import csv
 import os
 import shutil
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -48,14 +48,11 @@ Progress = Callable[[str, float], None]
 """Called with a stage and the finished share of the training."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CurvePoint:
-    """One evaluation, a row of ``curve.csv``."""
+class CurvePoint(NamedTuple):
+    """One evaluation, a row of ``curve.csv``: mean return of its episodes, without exploration."""
 
-    steps: int
-    """Steps of all arms together."""
+    steps: int  # of all arms together
     evaluation_return: float
-    """Mean return of the evaluation's episodes, without exploration."""
     evaluation_std: float
 
 
@@ -125,9 +122,7 @@ class Training:
         """Draw returns over steps; the shade is the standard deviation over the episodes."""
         figure = Figure(figsize=(8, 4.5), layout="constrained")
         axes = figure.subplots()
-        steps = np.array([p.steps for p in points])
-        mean = np.array([p.evaluation_return for p in points])
-        spread = np.array([p.evaluation_std for p in points])
+        steps, mean, spread = np.array(points).T
         axes.fill_between(steps, mean - spread, mean + spread, color=TRAINED, alpha=0.15, lw=0)
         axes.plot(steps, mean, "o-", ms=3, color=TRAINED, label="evaluation, ± std of episodes")
         best = int(np.argmax(mean))
@@ -276,13 +271,12 @@ def far_seed(seed: int, which: int) -> int:
 
 def _write_curve(path: Path, evaluations: Iterable[tuple[int, list[float]]]) -> None:
     rows = [(steps, float(np.mean(x)), float(np.std(x))) for steps, x in evaluations]
-    write_lines(path, ("steps", "evaluation_return", "evaluation_std"), rows)
+    write_lines(path, CurvePoint._fields, rows)
 
 
 def _read_curve(path: Path) -> tuple[CurvePoint, ...]:
     """Return the points of a file that `_write_curve` wrote; none if there is no file."""
     if not path.is_file():
         return ()
-    with open(path, encoding="utf-8", newline="") as file:
-        rows = [{k: float(x) for k, x in row.items()} for row in csv.DictReader(file)]
-    return tuple(CurvePoint(steps=int(row.pop("steps")), **row) for row in rows)
+    rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).tolist()
+    return tuple(CurvePoint(int(steps), *more) for steps, *more in rows)

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement, configurations
@@ -18,15 +20,32 @@ SIMULATED, MEASURED = "#1f5fa8", "#d1701a"
 SCALE_STYLE = [":", "-", "--", "-."]
 
 
+def joint_plots(n: int, size: tuple[float, float] = (3.4, 3.0)) -> tuple[Figure, list[Axes]]:
+    """Return a figure with ``n`` plots of a size [inch] and an empty one for `one_legend`."""
+    columns = min(4, n + 1)
+    rows = -(-(n + 1) // columns)
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
+    for spare in axes[n:]:
+        spare.axis("off")
+    return figure, axes
+
+
+def one_legend(axes: Sequence[Axes], used: int) -> None:
+    """Put one legend of the used plots into the empty plot behind them."""
+    entries: dict[str, Artist] = {}
+    for axis in axes[:used]:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    axes[used].legend(entries.values(), entries.keys(), loc="center", frameon=False, fontsize=9)
+
+
 def frequency(tuner: ThesisTuner, rows: Sequence[DitheredRow], path: Path) -> None:
     """Draw the mean change of each joint against frequency, a line per scale."""
     n = tuner.experiment.n
-    columns = 4
-    lines = -(-(n + 1) // columns)
-    figure = Figure(figsize=(12, 3.1 * lines), layout="constrained")
-    grid = figure.subplots(lines, columns, squeeze=False)
+    figure, plots = joint_plots(n, (3.0, 3.1))
     frequencies = sorted(tuner.frequencies)
-    for joint, axes in zip(range(1, n + 1), grid.ravel(), strict=False):
+    for joint, axes in enumerate(plots[:n], 1):
         cs = configurations(n, [joint])
         for scale, style in zip(tuner.scales, SCALE_STYLE, strict=False):
             mean = [
@@ -52,10 +71,7 @@ def frequency(tuner: ThesisTuner, rows: Sequence[DitheredRow], path: Path) -> No
         axes.set_xlabel("dither frequency [Hz]")
         axes.set_ylabel("change of torque [%]")
         axes.grid(alpha=0.3)
-    handles, labels = grid.ravel()[0].get_legend_handles_labels()
-    for axes in grid.ravel()[n:]:
-        axes.axis("off")
-    grid.ravel()[n].legend(handles, labels, loc="center", frameon=False)
+    one_legend(plots, n)
     figure.suptitle("Change of the torque that moves a joint, mean of four configurations")
     save_full(figure, path)
 

@@ -16,8 +16,7 @@ from stiction_envs.measured import BaseTable, thesis_dithered, thesis_robots
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol import figures
-from tuning.protocol.rules import Choice
-from tuning.protocol.stages import ThesisTuner, Verified, change
+from tuning.protocol.stages import Choice, ThesisTuner, Verified, change
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "report.md.j2"
 PLACE = "joint, pose, direction"

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from optuna.distributions import CategoricalDistribution
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import (
@@ -34,11 +35,12 @@ from stiction_envs.experiments.sje.results import sje_rows
 from stiction_envs.measured import AmplitudeRow, write_final, write_sje
 from stiction_envs.measured.csv_text import table_text
 from stiction_envs.reporting.atomic import write_text_atomic
-from tuning.protocol.rules import Choice, final_amplitude
-from tuning.settings import ThesisSettings
+from stiction_envs.robots.arm_toml import lookup
+from stiction_envs.robots.registry import ARMS
+from tuning.settings import ThesisSettings, tuning_settings
 from tuning.study.record import Parameters, TrialOutcome, TrialSearch
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import Progress, TuningRun
+from tuning.study.tuning_run import Progress, TuningRun, counted
 from tuning.study.workers import fill
 
 Cell = tuple[float, float]
@@ -47,6 +49,64 @@ Verified = dict[str, dict[Configuration, Measurement]]
 """Measurements with the intermediate and with the final amplitudes."""
 Jobs = Callable[[int, Parameters], list[Job]]
 """Jobs of a setting of a search (given by number), one per configuration of its joint."""
+
+
+def frequencies_of(robot: str | None, settings: ThesisSettings) -> tuple[float, ...]:
+    """Return the frequencies [Hz] to try on a robot: its TOML's, else the settings'."""
+    known = ARMS.get(str(robot))
+    own = None if known is None else lookup(known.table, "tuning.frequencies_hz")
+    return settings.frequencies_hz if own is None else tuple(own)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """Choice for one joint, and its basis."""
+
+    row: AmplitudeRow
+    """Final dither; amplitude 0 if none reduced the torque."""
+    scale: float
+    """Best amplitude over base torque at that frequency [-]."""
+    intermediate: Array
+    """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
+    reason: str
+
+
+def final_amplitude(
+    intermediate: Array,
+    half_width: float,
+    *,
+    frequency_hz: float,
+    torque_rate: float,
+    settings: ThesisSettings | None = None,
+) -> tuple[float, str]:
+    """Return the final amplitude [N·m] of a joint and the reason for it (thesis Table 4.9).
+
+    It is the largest of the four configurations, but no candidate above `cap_half_widths` friction
+    half-widths, as the thesis chose by hand for joint 2. It never exceeds the torque-rate limit.
+
+    Args:
+        intermediate: amplitudes of the configurations, any shape [N·m].
+        half_width: friction half-width of the joint in its freest pose [N·m].
+        frequency_hz: dither frequency [Hz].
+        torque_rate: limit of the torque rate [N·m/s]; inf for none.
+        settings: None for those of ``settings.toml``.
+    """
+    s = settings or tuning_settings().thesis
+    candidates = np.sort(np.abs(np.ravel(intermediate)))[::-1]
+    cap = s.cap_half_widths * half_width
+    kept = candidates[candidates <= cap]
+    if len(kept) == len(candidates):
+        amplitude, reason = float(candidates[0]), "largest of the four configurations"
+    elif len(kept):
+        amplitude = float(kept[0])
+        reason = f"largest of the four up to {cap:.3f} N·m; {candidates[0]:.3f} N·m was dropped"
+    else:
+        amplitude, reason = float(cap), f"capped at {cap:.3f} N·m, all four were above"
+    fastest = torque_rate / (2 * np.pi * frequency_hz)
+    if amplitude > fastest:
+        amplitude = float(fastest)
+        reason = f"limited to {fastest:.3f} N·m by the torque rate of {torque_rate:.0f} N·m/s"
+    return amplitude, reason
 
 
 @dataclass(kw_only=True, eq=False)
@@ -193,8 +253,7 @@ class ThesisTuner:
             choice = choices[setting["joint"] - 1]
             row, cs = choice.row, configurations(n, [setting["joint"]])
             if setting["table"] == "final":
-                f = row.frequency_hz if row.amplitude_nm else 0.0
-                return [Job(c, f, row.amplitude_nm) for c in cs]
+                return [Job.of(c, row) for c in cs]
             return [Job(c, row.frequency_hz, float(choice.intermediate[c.index[1:]])) for c in cs]
 
         tables = ("intermediate", "final")
@@ -239,22 +298,14 @@ class ThesisTuner:
         experiment: SingleJointExperiment,
     ) -> dict[Job, Measurement]:
         """Fill the studies of a stage; return the measurements of all their trials."""
-        n = sum(s.evaluations for s in searches)
-        seconds = done = 0.0
-
-        def report(more: float) -> None:
-            nonlocal done
-            done += more
-            self.progress(stage, min(done, seconds), seconds)
+        settings = ((k, x) for k, s in enumerate(searches) for x in s.first[len(s.record.trials) :])
+        due = [job for k, setting in settings for job in jobs(k, setting)]
+        total = experiment.expected_seconds(due, self.iterations)
+        report = counted(self.progress, stage, total)
 
         def evaluate(wanted: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
-            nonlocal seconds
             groups = [jobs(k, setting) for k, setting in wanted]
             distinct = list(dict.fromkeys(j for group in groups for j in group))
-            if not seconds:  # of the remaining settings, judged by these
-                left = n - sum(len(s.record.trials) for s in searches)
-                part = experiment.expected_seconds(distinct, self.iterations)
-                seconds = part * left / len(wanted)
             run = experiment.run(distinct, iterations=self.iterations, progress=report)
             measured = {m.job: m for m in run}
             return [self._outcome([measured[j] for j in group]) for group in groups]

@@ -26,8 +26,7 @@ from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from tuning.protocol.report import write_report
-from tuning.protocol.rules import frequencies_of
-from tuning.protocol.stages import ThesisTuner
+from tuning.protocol.stages import ThesisTuner, frequencies_of
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.tuning_run import Progress, open_run
 

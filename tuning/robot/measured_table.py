@@ -7,13 +7,19 @@ torque of ``nan`` means that the joint stuck or the run failed; an empty one was
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import read_lines
 from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS, AmplitudeRow, our_name
+from stiction_envs.reporting.kept_rows import KeptRows
+from tuning.robot.posterior import CONFIGURATIONS, Readings
+from tuning.robot.prediction import PREDICTIONS, Cell, Predicted
 from tuning.search.bounds import Bounds
 from tuning.settings import RobotSettings
 
@@ -41,12 +47,13 @@ class MeasuredRow:
         return self.amplitude_nm == 0
 
     @property
-    def setting(self) -> tuple[int, float, float]:
-        """Joint, frequency [Hz], amplitude [N·m]."""
-        return self.joint, self.frequency_hz, self.amplitude_nm
+    def setting(self) -> AmplitudeRow:
+        """Dither of the joint; amplitude 0 without one."""
+        frequency = 0.0 if self.is_base else self.frequency_hz
+        return AmplitudeRow(self.joint, frequency, self.amplitude_nm)
 
     @property
-    def cell(self) -> tuple[int, str, str]:
+    def cell(self) -> Cell:
         """Joint, pose, direction."""
         return self.joint, self.load, self.direction
 
@@ -80,9 +87,9 @@ def read_measured(path: Path, robot: str, n_joints: int) -> list[MeasuredRow]:
 
 
 def check_measured(
-    rows: Iterable[MeasuredRow],
+    rows: Sequence[MeasuredRow],
     bounds: Bounds,
-    base_nm: Mapping[tuple[int, str, str], float],
+    base_nm: Mapping[Cell, float],
     settings: RobotSettings,
 ) -> None:
     """Raise where a row cannot be a measurement of this arm within its bounds, in SI units.
@@ -90,7 +97,6 @@ def check_measured(
     ``base_nm`` has a rough |base torque| of every cell [N·m]; measured ones in the table override
     it. The message names the line.
     """
-    rows = list(rows)
     base = dict(base_nm)
     for row in (r for r in rows if r.is_base and math.isfinite(r.tau_nm)):
         _check_torque(row, base_nm[row.cell], settings.base_factor, settings.base_factor)
@@ -98,8 +104,7 @@ def check_measured(
     for row in rows:
         if row.is_base:
             continue
-        setting = AmplitudeRow(row.joint, row.frequency_hz, row.amplitude_nm)
-        if (reason := bounds.beyond(setting)) is not None:
+        if (reason := bounds.beyond(row.setting)) is not None:
             raise StictionError(f"{row.where}: {reason}")
         if math.isfinite(row.tau_nm):
             _check_torque(row, base[row.cell], math.inf, settings.most_ratio)
@@ -117,3 +122,46 @@ def _check_torque(row: MeasuredRow, base: float, below: float, above: float) -> 
         raise StictionError(
             f"{what}: expected {low}{base * above:.3g} N·m (the base torque is about {base:.3g})"
         )
+
+
+def add_measured(study: KeptRows, rows: Sequence[MeasuredRow], file: str) -> int:
+    """Add a measured table, whose hash is ``file``; return the number of its settings.
+
+    A table that is entered again (after a power cut, say) adds nothing.
+    """
+    if file in study.every:
+        return 0
+    cells = [[*r.cell, r.setting.frequency_hz, r.amplitude_nm, r.tau_nm] for r in rows]
+    study.add(file, cells)
+    return len({r.setting for r in rows})
+
+
+def readings(
+    study: KeptRows, predicted: Predicted, same: float
+) -> tuple[dict[int, Readings], list[Cell]]:
+    """Return the measurements of every joint's settings, and cells without a base torque.
+
+    A torque is divided by the base torques of the same table if it has any, else by those of all
+    tables, else by the simulated one. ``same`` is that of `Predicted.find`.
+    """
+    rows: list[tuple[str, Cell, float, float, float]] = [
+        (file, (joint, load, direction), *numbers)
+        for file, table in study.every.items()
+        if file != PREDICTIONS
+        for joint, load, direction, *numbers in table
+    ]
+    base: defaultdict[tuple[str, Cell], list[float]] = defaultdict(list)
+    for file, cell, _, amplitude, tau in rows:
+        if amplitude == 0 and math.isfinite(tau):
+            for where in (file, ""):
+                base[where, cell].append(abs(tau))
+    out: dict[int, list[tuple[int, int, float]]] = {j: [] for j in predicted.candidates}
+    for file, cell, frequency, amplitude, tau in rows:
+        row = AmplitudeRow(cell[0], frequency, amplitude)
+        at = predicted.find(row, same) if amplitude else None
+        if at is not None:
+            taus = base[file, cell] or base["", cell] or [predicted.base_nm[cell]]
+            ratio = abs(tau) / float(np.mean(taus))
+            out[cell[0]].append((at, CONFIGURATIONS.index(cell[1:]), ratio))
+    found = {j: Readings(len(c), out[j]) for j, c in predicted.candidates.items()}
+    return found, [cell for cell in sorted(predicted.base_nm) if not base["", cell]]

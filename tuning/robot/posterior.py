@@ -11,6 +11,12 @@ Williams, Gaussian Processes for Machine Learning, 2006, eq. 2.22–2.24). The r
 the four configurations. A common error of the simulation shifts all settings equally and decides
 nothing; two errors distinguish settings: one that is smooth over frequency and displacement, and
 one that a setting does not share with its neighbours (a sharp resonance, a drift between days).
+
+The next setting is that of the largest expected improvement over the best measured one (Jones,
+Schonlau & Welch, Efficient global optimization of expensive black-box functions, J. Global Optim.
+13, 1998) of the difference of two settings, whose common errors cancel. For several at once, each
+is added with its posterior mean as measurement before the next is chosen (kriging believer:
+Ginsbourger, Le Riche & Carraro 2010).
 """
 
 from __future__ import annotations
@@ -21,9 +27,10 @@ from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import ndtr
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Kernel
 
-from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 from tuning.settings import RobotSettings
 
@@ -40,8 +47,7 @@ class Candidates:
     frequency_hz: Array
     """(S,) frequency [Hz]."""
     amplitude_nm: Array
-    """(S, 4) amplitude in each configuration [N·m]; the thesis scales it with the base torques of
-    each, an amplitude table has one for all four."""
+    """(S,) amplitude [N·m]."""
     predicted: Array
     """(S, 4) simulated |τ|/|τ_base|: the prior mean [-]."""
     displacement: Array
@@ -78,54 +84,39 @@ class Candidates:
         return np.stack([x.ravel() for x in columns], axis=1).astype(float)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Readings:
-    """M measured cells of one joint; a cell may occur several times."""
+    """M measured cells of one joint's S settings; a cell may occur several times."""
 
-    setting: Index
-    """(M,) from 0."""
-    configuration: Index
-    """(M,) 0…3."""
-    ratio: Array
-    """(M,) |τ|/|τ_base| [-]; NaN: the joint stuck, or the run failed."""
+    def __init__(self, settings: int, rows: Sequence[tuple[int, int, float]] = ()) -> None:
+        """Take rows of setting (from 0), configuration (0…3) and ratio |τ|/|τ_base| [-].
 
-    @classmethod
-    def of(cls, rows: Sequence[tuple[int, int, float]]) -> Readings:
-        """Return readings from (setting, configuration, ratio)."""
-        return cls(
-            setting=np.array([r[0] for r in rows], dtype=np.int64),
-            configuration=np.array([r[1] for r in rows], dtype=np.int64),
-            ratio=np.array([r[2] for r in rows], dtype=float),
-        )
-
-    def __len__(self) -> int:
-        return len(self.ratio)
-
-    @property
-    def valid(self) -> Bools:
-        """(M,) whether there is a number."""
-        return np.isfinite(self.ratio)
+        A ratio of NaN says that the joint stuck, or that the run failed.
+        """
+        self.settings, self.rows = settings, [*rows]
+        valid = [row for row in self.rows if np.isfinite(row[2])]
+        self.ratio = np.array([ratio for _, _, ratio in valid])
+        """Ratios that are numbers [-]."""
+        self.cell = np.array([4 * s + c for s, c, _ in valid], dtype=np.int64)
+        """Their cells, in the order of ``predicted.ravel()``."""
+        self.tried, self.known = np.zeros((2, settings, 4), dtype=bool)
+        """(S, 4) cells that were tried, and those that ever gave a number."""
+        for s, c, _ in self.rows:
+            self.tried[s, c] = True
+        self.known.ravel()[self.cell] = True
 
     def with_rows(self, rows: Sequence[tuple[int, int, float]]) -> Readings:
         """Return these readings with more rows."""
-        mine = zip(self.setting, self.configuration, self.ratio, strict=True)
-        return Readings.of([*((int(s), int(c), float(r)) for s, c, r in mine), *rows])
+        return Readings(self.settings, [*self.rows, *rows])
 
-    def done(self, settings: int) -> Bools:
-        """Return (S, 4) whether each cell was tried, measured or failed."""
-        out = np.zeros((settings, 4), dtype=bool)
-        out[self.setting, self.configuration] = True
-        return out
+    @property
+    def failed(self) -> Bools:
+        """(S,) whether a setting has a cell that was tried and never gave a number."""
+        return np.asarray((self.tried & ~self.known).any(axis=1))
 
-    def failed(self, settings: int) -> Bools:
-        """Return (S,) whether a setting has a cell that was tried and never gave a number."""
-        valid = np.zeros((settings, 4), dtype=bool)
-        valid[self.setting[self.valid], self.configuration[self.valid]] = True
-        return np.asarray((self.done(settings) & ~valid).any(axis=1))
-
-    def measured(self, settings: int) -> Bools:
-        """Return (S,) whether a setting has a number in all four configurations."""
-        return np.asarray(self.done(settings).all(axis=1) & ~self.failed(settings))
+    @property
+    def measured(self) -> Bools:
+        """(S,) whether a setting has a number in all four configurations."""
+        return np.asarray(self.known.all(axis=1))
 
 
 def discrepancy_kernel(s: RobotSettings) -> Kernel:
@@ -199,11 +190,10 @@ class Posterior:
 
 def posterior_of(candidates: Candidates, readings: Readings, s: RobotSettings) -> Posterior:
     """Return the posterior after some readings, without the failed ones; without any the prior."""
-    at = readings.setting[readings.valid] * 4 + readings.configuration[readings.valid]
-    m, prior = candidates.predicted.ravel(), prior_covariance(candidates, s)
+    at, m, prior = readings.cell, candidates.predicted.ravel(), prior_covariance(candidates, s)
     mean, covariance = m, prior
     if len(at):
-        d = readings.ratio[readings.valid] - m[at]
+        d = readings.ratio - m[at]
         factor = cho_factor(prior[np.ix_(at, at)] + s.noise**2 * np.eye(len(at)), lower=True)
         weighted = cho_solve(factor, d)
         mean = m + prior[:, at] @ weighted
@@ -218,3 +208,74 @@ def posterior_of(candidates: Candidates, readings: Readings, s: RobotSettings) -
         cell_mean=mean,
         eligible=candidates.eligible,
     )
+
+
+# ---- the next setting ----------------------------------------------------------------------------
+
+
+def best_measured(posterior: Posterior, readings: Readings) -> int | None:
+    """Return the setting of the lowest posterior mean that was measured in all four configurations.
+
+    None if no eligible setting was.
+    """
+    measured = np.flatnonzero(readings.measured & posterior.eligible)
+    return int(measured[posterior.mean[measured].argmin()]) if len(measured) else None
+
+
+def open_settings(readings: Readings, eligible: Bools) -> Bools:
+    """Return (S,) whether a setting may be proposed: not fully measured, and nothing failed."""
+    return np.asarray(eligible & ~readings.tried.all(axis=1) & ~readings.failed)
+
+
+def expected_improvement(posterior: Posterior, best: int | None) -> Array:
+    """Return (S,) expected reduction of |τ|/|τ_base| below that of ``best`` [-].
+
+    Without a best one so far, it is the predicted effect: the lowest mean comes first.
+    """
+    if best is None:
+        return 1.0 + posterior.mean.max() - posterior.mean
+    mean, sd = posterior.advantage(best)
+    z = mean / np.maximum(sd, 1e-12)
+    return np.asarray(mean * ndtr(z) + sd * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi))
+
+
+def next_settings(
+    candidates: Candidates, readings: Readings, count: int, s: RobotSettings
+) -> list[int]:
+    """Return up to ``count`` settings to measure next, the most promising first.
+
+    A setting that was measured in some configurations may be among them, for the others. The list
+    is shorter, or empty, when every setting was measured.
+    """
+    chosen: list[int] = []
+    while len(chosen) < count:
+        free = open_settings(readings, candidates.eligible)
+        if not free.any():
+            break
+        posterior = posterior_of(candidates, readings, s)
+        gain = expected_improvement(posterior, best_measured(posterior, readings))
+        setting = int(np.where(free, gain, -np.inf).argmax())
+        chosen.append(setting)
+        missing = np.flatnonzero(~readings.tried[setting])
+        readings = readings.with_rows(
+            [(setting, int(c), float(posterior.cell_mean[setting, c])) for c in missing]
+        )
+    return chosen
+
+
+def chance_of_better(posterior: Posterior, readings: Readings, s: RobotSettings) -> float:
+    """Return the probability that any untried setting beats the best one by the tolerance [-].
+
+    The probability is for all untried settings together, estimated from draws: 1 where none was
+    fully measured, 0 where none is left. Stop when it is below 1 − ``confidence``.
+    """
+    free = np.flatnonzero(open_settings(readings, posterior.eligible))
+    best = best_measured(posterior, readings)
+    if not len(free) or best is None:
+        return float(len(free) > 0)
+    at = np.append(free, best)
+    values, vectors = np.linalg.eigh(posterior.covariance[np.ix_(at, at)])
+    normal = np.random.default_rng(s.seed).standard_normal((s.draws, len(at)))
+    drawn = posterior.mean[at] + normal @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    better = drawn[:, -1] - drawn[:, :-1].min(axis=1) > s.tolerance
+    return float(better.mean())

@@ -6,13 +6,15 @@ reaches the displacement limit, where the best setting usually lies, and none be
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
+from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.robot.posterior import Candidates
 from tuning.search.bounds import TRIED, Bounds
 from tuning.search.breakaway import Breakaway, BreakawayObjective
@@ -21,6 +23,57 @@ from tuning.settings import RobotSettings
 MARGIN = 0.97
 """Share of the displacement limit that the second pass aims at [-], because it interpolates
 (assumed)."""
+PREDICTIONS = "predictions"
+"""Key of the predictions in a robot's study; each other row is an entered table."""
+Cell = tuple[int, str, str]
+"""Joint, pose, direction."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Predicted:
+    """Candidates of every joint, and the simulated base torques."""
+
+    candidates: Mapping[int, Candidates]
+    base_nm: Mapping[Cell, float]
+    """|τ_base| of every cell [N·m]."""
+    limit: Sequence[float]
+    """(n,) largest displacement [rad]; inf for no limit."""
+
+    def find(self, row: AmplitudeRow, same: float) -> int | None:
+        """Return the number of a setting among its joint's, relative difference up to ``same``."""
+        c = self.candidates[row.joint]
+        apart = np.maximum(
+            np.abs(c.frequency_hz / row.frequency_hz - 1),
+            np.abs(c.amplitude_nm / row.amplitude_nm - 1),
+        )
+        best = int(apart.argmin())
+        return best if apart[best] <= same else None
+
+    @classmethod
+    def read(cls, study: KeptRows) -> Predicted | None:
+        """Return the predictions of a study; None if there are none yet."""
+        if (found := study.every.get(PREDICTIONS)) is None:
+            return None
+        return cls(
+            candidates={
+                int(j): Candidates(joint=int(j), **{k: np.array(v) for k, v in c.items()})
+                for j, c in found["joints"].items()
+            },
+            base_nm={(j, load, direction): tau for j, load, direction, tau in found["base"]},
+            limit=found["limit"],
+        )
+
+    def write(self, study: KeptRows) -> None:
+        """Write the predictions, which replace earlier ones; floats read back exactly."""
+        row = {
+            "joints": {
+                str(j): {f.name: getattr(c, f.name).tolist() for f in fields(c)[1:]}
+                for j, c in self.candidates.items()
+            },
+            "base": [[*cell, tau] for cell, tau in self.base_nm.items()],
+            "limit": [*self.limit],
+        }
+        study.add(PREDICTIONS, row)
 
 
 def grid(bounds: Bounds, joint: int, settings: RobotSettings) -> list[AmplitudeRow]:
@@ -33,7 +86,7 @@ def grid(bounds: Bounds, joint: int, settings: RobotSettings) -> list[AmplitudeR
     """
     low, high = bounds.frequency_hz[joint - 1]
     tried = np.clip(np.geomspace(low, high, TRIED), low, high)
-    free = tried[[bounds.forbidden(joint, float(f)) <= 0 for f in tried]]
+    free = tried[[not bounds.forbidden(joint, float(f)) for f in tried]]
     at = np.unique(np.linspace(0, len(free) - 1, settings.frequencies).round().astype(int))
     rows = [
         bounds.setting(joint, {"frequency_hz": f, "amplitude": share})
@@ -86,7 +139,7 @@ def candidates_of(joint: int, found: Mapping[AmplitudeRow, Breakaway], limit: fl
     return Candidates(
         joint=joint,
         frequency_hz=np.array([row.frequency_hz for row in found]),
-        amplitude_nm=np.array([[row.amplitude_nm] * 4 for row in found]),
+        amplitude_nm=np.array([row.amplitude_nm for row in found]),
         predicted=predicted,
         deviation=ratio - predicted,
         eligible=np.array([m.displacement <= limit for m in found.values()]),

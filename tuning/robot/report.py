@@ -18,9 +18,18 @@ from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.templates import write_md_and_html
-from tuning.robot.next_setting import best_measured, chance_of_better, next_settings
-from tuning.robot.posterior import CONFIGURATIONS, Candidates, Posterior, Readings, posterior_of
-from tuning.robot.robot_study import BaseTorques, Predicted, readings
+from tuning.robot.measured_table import readings
+from tuning.robot.posterior import (
+    CONFIGURATIONS,
+    Candidates,
+    Posterior,
+    Readings,
+    best_measured,
+    chance_of_better,
+    next_settings,
+    posterior_of,
+)
+from tuning.robot.prediction import Cell, Predicted
 from tuning.settings import RobotSettings
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "ask.md.j2"
@@ -45,9 +54,7 @@ class JointState:
     def row(self, setting: int) -> AmplitudeRow:
         """Return a setting as a row of an amplitude table."""
         c = self.candidates
-        return AmplitudeRow(
-            c.joint, float(c.frequency_hz[setting]), float(c.amplitude_nm[setting, 0])
-        )
+        return AmplitudeRow(c.joint, float(c.frequency_hz[setting]), float(c.amplitude_nm[setting]))
 
     @property
     def chosen(self) -> int:
@@ -64,13 +71,12 @@ class JointState:
 
     def measured(self) -> dict[int, float]:
         """Return the mean measured |τ|/|τ_base| of settings, over the configurations read."""
-        out = {}
-        r = self.readings
-        for setting in np.unique(r.setting[r.valid]):
-            here = r.valid & (r.setting == setting)
-            cells = [r.ratio[here & (r.configuration == c)] for c in range(4)]
-            out[int(setting)] = float(np.mean([x.mean() for x in cells if len(x)]))
-        return out
+        r, known = self.readings, np.unique(self.readings.cell)
+        mean = {int(cell): r.ratio[r.cell == cell].mean() for cell in known}
+        return {
+            s: float(np.mean([x for cell, x in mean.items() if cell // 4 == s]))
+            for s in np.unique(known // 4).tolist()
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,8 +86,8 @@ class RobotState:
     robot: str
     joint_names: tuple[str, ...]
     joints: tuple[JointState, ...]
-    missing: tuple[tuple[int, str, str], ...]
-    """Cells whose base torque was not measured: (joint, pose, direction)."""
+    missing: tuple[Cell, ...]
+    """Cells whose base torque was not measured."""
     settings: RobotSettings
     told: int = 0
     """Number of settings that were new in the last table."""
@@ -133,8 +139,7 @@ def state_of(
     count: int,
 ) -> RobotState:
     """Return the present state of the study, and up to ``count`` settings per joint to measure."""
-    base = BaseTorques(study, predicted.base_nm)
-    measured = readings(study, base, predicted, settings.same)
+    measured, missing = readings(study, predicted, settings.same)
     joints = []
     for j, c in sorted(predicted.candidates.items()):
         posterior = posterior_of(c, measured[j], settings)
@@ -152,12 +157,11 @@ def state_of(
                 chance=chance,
             )
         )
-    cells = [(j, *cell) for j in sorted(predicted.candidates) for cell in CONFIGURATIONS]
     return RobotState(
         robot=experiment.sticking.arm.name,
         joint_names=experiment.sticking.arm.joint_names,
         joints=tuple(joints),
-        missing=tuple(cell for cell in cells if not base.measured(cell)),
+        missing=tuple(missing),
         settings=settings,
         note=simulated_note(experiment.sticking.arm, experiment.sticking.parameters),
     )
@@ -195,13 +199,12 @@ def _write_asked(folder: Path, state: RobotState) -> None:
     missing = [cell for cell in state.missing if cell[0] in open_joints]
     rows: list[tuple[str | float, ...]] = [(*cell, 0.0, 0.0) for cell in missing]
     for j in state.joints:
-        done = j.readings.done(len(j.candidates))
         for s in j.asked:
             row = j.row(s)
             rows += [
                 (row.joint, *cell, row.frequency_hz, row.amplitude_nm)
                 for c, cell in enumerate(CONFIGURATIONS)
-                if not done[s, c]
+                if not j.readings.tried[s, c]
             ]
     empty = ("",) * (len(SJE_COLUMNS) - 6)
     cells = [(state.robot, *row, *empty) for row in rows]
@@ -234,7 +237,7 @@ def _words(state: RobotState) -> dict[str, object]:
         for k in shown:
             row = j.row(k)
             note = "next" if k in j.asked else ""
-            if j.readings.failed(len(j.candidates))[k]:
+            if j.readings.failed[k]:
                 note = "stuck in a configuration"
             elif not j.candidates.eligible[k]:
                 note = "shakes more than the limit"

@@ -16,14 +16,18 @@ from stiction_envs.errors import checked_array
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.sticking import Friction, Robot
-from stiction_envs.measured import AmplitudeRow, read_amplitudes
+from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import sha256
-from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
-from tuning.robot.prediction import candidates_of, predict
+from tuning.robot.measured_table import (
+    MeasuredRow,
+    add_measured,
+    check_measured,
+    read_measured,
+)
+from tuning.robot.prediction import Predicted, candidates_of, predict
 from tuning.robot.report import RobotState, state_of, write_state
-from tuning.robot.robot_study import Predicted, add_measured, predictions, write_predictions
 from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import plausible
@@ -124,7 +128,7 @@ class Session:
     def open(self) -> tuple[KeptRows, Predicted]:
         """Return study and predictions; simulate the candidate settings once."""
         study = KeptRows(self.folder.path / "study.jsonl")
-        predicted = predictions(study)
+        predicted = Predicted.read(study)
         if predicted is None:
             objective = self._objective
             base = objective.base[0].items()
@@ -133,7 +137,7 @@ class Session:
                 base_nm={(c.joint, c.load, c.direction): abs(m.mean) for c, m in base},
                 limit=objective.displacement.tolist(),
             )
-            write_predictions(study, predicted)
+            predicted.write(study)
         return study, predicted
 
     @cached_property
@@ -158,7 +162,7 @@ class Session:
         """Return the predictions, with those of settings that were measured but never proposed."""
         measured = dict.fromkeys(r.setting for r in rows if not r.is_base)
         same = self.settings.robot.same
-        new = [AmplitudeRow(*t) for t in measured if predicted.find(t, same) is None]
+        new = [row for row in measured if predicted.find(row, same) is None]
         if not new:
             return predicted
         candidates = dict(predicted.candidates)
@@ -167,5 +171,5 @@ class Session:
             more = candidates_of(j, {row: found}, predicted.limit[j - 1])
             candidates[j] = candidates[j].with_more(more)
         out = dataclasses.replace(predicted, candidates=candidates)
-        write_predictions(study, out)
+        out.write(study)
         return out

@@ -1,8 +1,8 @@
 """Bounds of a search: amplitudes and frequencies of every joint, and what is forbidden.
 
 A setting's amplitude is drawn as a share of the largest one *at its frequency*, so that no setting
-passes the limits of torque and torque rate. Forbidden bands (resonances) are a constraint: a
-setting in one is not simulated.
+passes the limits of torque and torque rate. A frequency that is drawn in a forbidden band
+(resonances) moves to the band's nearest end.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
 from stiction_envs.robots.arm_toml import read_toml
-from tuning.protocol.rules import frequencies_of
+from tuning.protocol.stages import frequencies_of
 from tuning.settings import BoundsSettings, TuningSettings, tuning_settings
 from tuning.study.record import Parameters
 
@@ -66,13 +66,9 @@ class Bounds:
         rate = self.torque_rate[joint - 1] / (2 * np.pi * frequency_hz)
         return float(min(self.amplitude_nm[joint - 1, 1], rate))
 
-    def forbidden(self, joint: int, frequency_hz: float) -> float:
-        """Return how deep a frequency lies in a forbidden band [Hz]; at most 0 outside of all."""
-        depth = [
-            min(frequency_hz - low, high - frequency_hz)
-            for low, high in self.forbidden_hz[joint - 1]
-        ]
-        return max(depth, default=-np.inf)
+    def forbidden(self, joint: int, frequency_hz: float) -> bool:
+        """Return whether a frequency lies in a forbidden band."""
+        return any(low < frequency_hz < high for low, high in self.forbidden_hz[joint - 1])
 
     def space(self, joint: int) -> dict[str, BaseDistribution]:
         """Return the parameters of one joint's setting and their ranges."""
@@ -85,6 +81,11 @@ class Bounds:
     def setting(self, joint: int, parameters: Parameters) -> AmplitudeRow:
         """Return the dither that parameters of `space` describe."""
         frequency = float(parameters["frequency_hz"])
+        if self.forbidden(joint, frequency):
+            least, most = self.frequency_hz[joint - 1]
+            ends = [x for band in self.forbidden_hz[joint - 1] for x in band if least <= x <= most]
+            free = [x for x in ends if not self.forbidden(joint, x)]
+            frequency = min(free, key=lambda x: abs(x - frequency))
         low, high = self.amplitude_nm[joint - 1, 0], self.largest(joint, frequency)
         amplitude = float(low + parameters["amplitude"] * max(high - low, 0.0))
         return AmplitudeRow(joint, frequency, amplitude)
@@ -102,7 +103,7 @@ class Bounds:
         low, high = self.frequency_hz[row.joint - 1]
         if not low <= row.frequency_hz <= high:
             return f"frequency_hz is {row.frequency_hz:g}: expected {low:g} to {high:g} Hz"
-        if self.forbidden(row.joint, row.frequency_hz) > 0:
+        if self.forbidden(row.joint, row.frequency_hz):
             bands = ", ".join(f"{a:g} to {b:g}" for a, b in self.forbidden_hz[row.joint - 1])
             return f"frequency_hz is {row.frequency_hz:g}: expected outside of {bands} Hz"
         least = max(self.amplitude_nm[row.joint - 1, 0], 0.0)
@@ -176,7 +177,7 @@ def bounds_of(
                 "leave nothing: expected 0 <= low < high within torque and torque rate"
             )
         tried = np.geomspace(f_low, f_high, TRIED)
-        if all(out.forbidden(j + 1, float(f)) > 0 for f in tried):
+        if all(out.forbidden(j + 1, float(f)) for f in tried):
             raise StictionError(
                 f"{where}: forbidden_hz leaves no frequency from {f_low:g} to {f_high:g} Hz"
             )

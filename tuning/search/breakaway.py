@@ -3,7 +3,7 @@
 A setting of one joint is measured in its four configurations under every friction:
 
     value       mean of |tau| / |tau_base|
-    constraint  displacement / largest displacement - 1 <= 0, and the depth in a forbidden band
+    constraint  displacement / largest displacement - 1 <= 0
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from scipy import stats
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
+from stiction_envs.experiments.sje.protocol import Job, Measurement, configurations
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
@@ -121,7 +121,7 @@ class BreakawayObjective:
 
     def measure(self, rows: Sequence[AmplitudeRow]) -> dict[AmplitudeRow, Breakaway]:
         """Measure settings, all in one batch per friction."""
-        jobs = {row: [_job(c, row) for c in configurations(self.n, [row.joint])] for row in rows}
+        jobs = {row: [Job.of(c, row) for c in configurations(self.n, [row.joint])] for row in rows}
         wanted = list(dict.fromkeys(job for group in jobs.values() for job in group))
         found: list[Mapping[Job, Measurement]] = [
             {m.job: m for m in e.run(wanted, iterations=self.iterations, progress=self.progress)}
@@ -141,23 +141,18 @@ class BreakawayObjective:
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
         """Return outcomes of settings (joint from 0, parameters of `Bounds.space`)."""
         rows = [self.bounds.setting(j + 1, parameters) for j, parameters in asked]
-        depths = [self.bounds.forbidden(row.joint, row.frequency_hz) for row in rows]
-        found = self.measure([r for r, d in zip(rows, depths, strict=True) if d <= 0])
-        return [self.outcome(row, found.get(row), d) for row, d in zip(rows, depths, strict=True)]
+        found = self.measure(rows)
+        return [self.outcome(row, found[row]) for row in rows]
 
-    def outcome(self, row: AmplitudeRow, found: Breakaway | None, depth: float) -> TrialOutcome:
-        """Return the stored outcome of a setting; ``found`` is None in a forbidden band."""
+    def outcome(self, row: AmplitudeRow, found: Breakaway) -> TrialOutcome:
+        """Return the stored outcome of a setting."""
         limit = self.displacement[row.joint - 1]
-        forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
-        if found is None:  # not simulated: treated as if it had no effect
-            none = (1.0, 0.0) if self.pareto else (1.0,)
-            return TrialOutcome(values=none, constraints=(0.0, *forbidden))
         shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
         rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
         price = (found.displacement,) if self.pareto else ()
         return TrialOutcome(
             values=(found.left, *price) if np.isfinite(found.left) else None,
-            constraints=(0.0 if self.pareto else shaken, *forbidden),
+            constraints=(0.0 if self.pareto else shaken,),
             measures={
                 **asdict(row),
                 "left": found.left,
@@ -170,15 +165,3 @@ class BreakawayObjective:
                 LIMITS: [shaken],
             },
         )
-
-
-def _job(c: Configuration, row: AmplitudeRow) -> Job:
-    dithered = row.amplitude_nm > 0
-    return Job(
-        c,
-        frequency_hz=row.frequency_hz if dithered else 0.0,
-        amplitude_nm=row.amplitude_nm,
-        waveform=row.waveform,
-        offset_nm=row.offset_nm if dithered else 0.0,
-        gate_velocity=row.gate_velocity,
-    )

@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from stiction_envs.reporting.png import save_full
+from tuning.protocol.figures import joint_plots, one_legend
 from tuning.search.bounds import Bounds, Table
 from tuning.search.trials import allowed, complete, front
 from tuning.study.record import Record
@@ -21,23 +19,12 @@ LEAST = 8
 """Fewest trials for a landscape (assumed)."""
 
 
-def _joints(n: int) -> tuple[Figure, list[Axes]]:
-    """Return a figure with one plot per joint and an empty one for the legend."""
-    columns = min(4, n + 1)
-    rows = -(-(n + 1) // columns)
-    figure = Figure(figsize=(3.4 * columns, 3.0 * rows), layout="constrained")
-    axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
-    for spare in axes[n:]:
-        spare.axis("off")
-    return figure, axes
-
-
 def landscape(
     bounds: Bounds, records: Sequence[Record], tables: Mapping[str, Table], path: Path
 ) -> None:
     """Draw each joint's reduction over frequency and amplitude, and the setting of every table."""
     tried = [t for r in records for t in complete(r.trials) if "left" in t.user_attrs]
-    figure, axes = _joints(bounds.n)
+    figure, axes = joint_plots(bounds.n)
     for j, axis in enumerate(axes[: bounds.n], 1):
         mine = [t for t in tried if t.user_attrs["joint"] == j]
         names = ("frequency_hz", "amplitude_nm", "left")
@@ -84,14 +71,14 @@ def landscape(
         axis.set_ylim(-0.03 * max(most), 1.08 * max(most))
         axis.set(title=f"joint {j}", xlabel="frequency [Hz]", ylabel="amplitude [N·m]")
     figure.colorbar(image, ax=axes, label="reduction of the breakaway torque [%]", shrink=0.6)
-    _legend(axes, bounds.n)
+    one_legend(axes, bounds.n)
     save_full(figure, path)
 
 
 def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
     """Draw both objectives of all trials, and the Pareto front."""
     group = [(stage, k, r) for stage, found in records.items() for k, r in enumerate(found, 1)]
-    figure, axes = _joints(len(group))
+    figure, axes = joint_plots(len(group))
     for axis, (stage, k, record) in zip(axes, group, strict=False):
         sje = stage == "sje"
         for trials, colour, label in (
@@ -107,14 +94,5 @@ def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
             ylabel="torque left [%]" if sje else "error left [%]",
         )
         axis.grid(alpha=0.3)
-    _legend(axes, len(group))
+    one_legend(axes, len(group))
     save_full(figure, path)
-
-
-def _legend(axes: Sequence[Axes], used: int) -> None:
-    """Put one legend into the empty plot."""
-    entries: dict[str, Artist] = {}
-    for axis in axes[:used]:
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    axes[used].legend(entries.values(), entries.keys(), loc="center", frameon=False, fontsize=9)

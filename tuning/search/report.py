@@ -51,9 +51,10 @@ def write_search_report(found: SearchStages, folder: Path, verified: Verified) -
         "mean_reduction_percent": _mean_reduction(found, verified, chosen),
         "compensation": gains,
     }
+    what, treatments = "Dither", ""
     if found.options.treatment is not None:
-        summary["treatment"] = _winner(found, verified)
-    what = "Dither" if found.options.treatment is None else "Treatment of friction"
+        what = "Treatment of friction"
+        summary["treatment"], treatments = _treatments(found, verified)
     write_md_and_html(
         folder,
         TEMPLATE,
@@ -65,7 +66,7 @@ def write_search_report(found: SearchStages, folder: Path, verified: Verified) -
         gains=table_text(*gains_table(gains)) if gains else "",
         met={j: words for j, words in met.items() if words},
         better=_better_without_dither(verified, found.chosen) if found.chosen == SEARCHED else [],
-        treatments=_treatment_table(found, verified),
+        treatments=treatments,
         winner=summary.get("treatment"),
         rest_margin=f"{1e3 * found.search.rest_margin:g}",
         joints=_joint_table(found, verified),
@@ -105,33 +106,22 @@ def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, ob
     return out
 
 
-def _winner(found: SearchStages, verified: Verified) -> dict[str, object]:
-    """Return the treatment that is recommended, what it leaves on unseen paths, and the next."""
-    ranked = [(name, found.left(verified, name)) for name in found.ranking(verified)]
-    if not ranked:
-        return {"name": NOTHING, "left_percent": 100.0, "next": None, "needs": "nothing"}
-    (name, left), *rest = ranked
-    return {
-        "name": name,
-        "left_percent": 100 * left,
-        "next": None if not rest else {"name": rest[0][0], "left_percent": 100 * rest[0][1]},
-        "needs": found.needs(name),
-    }
+def _treatments(found: SearchStages, verified: Verified) -> tuple[JsonRecord, str]:
+    """Return the treatment that is recommended and the next, and a table of all that were searched.
 
-
-def _treatment_table(found: SearchStages, verified: Verified) -> str:
-    """Return the remaining error of every searched treatment, and its prerequisites."""
+    Each has the error that it leaves on unseen paths, and its prerequisites.
+    """
+    left = {name: 100 * found.left(verified.tracking, name) for name in found.treatments}
+    ranked = found.ranking(verified.tracking)
+    says = dict.fromkeys(ranked, "it may be used") | dict.fromkeys(ranked[:1], "yes")
+    no = "no: it shakes at rest, or helps nothing"
+    rows = [[name, f"{x:.1f}", says.get(name, no), found.needs(name)] for name, x in left.items()]
     header = ["treatment", "left on unseen paths [%]", "recommended", "needs to know"]
-    ranked = found.ranking(verified) if found.options.treatment else []
-    rows = []
-    for name in found.treatments if found.options.treatment else ():
-        left = f"{100 * found.left(verified, name):.1f}"
-        if name in ranked:
-            says = "yes" if name == ranked[0] else "it may be used"
-        else:
-            says = "no: it shakes at rest, or helps nothing"
-        rows.append([name, left, says, found.needs(name)])
-    return table_text(header, rows) if rows else ""
+    winner: JsonRecord = {"name": NOTHING, "left_percent": 100.0, "next": None, "needs": "nothing"}
+    if ranked:
+        first, *rest = ({"name": name, "left_percent": left[name]} for name in ranked)
+        winner = {**first, "next": rest[0] if rest else None, "needs": found.needs(ranked[0])}
+    return winner, table_text(header, rows)
 
 
 def _write_verification(path: Path, found: SearchStages, verified: Verified, name: str) -> None:

@@ -19,7 +19,7 @@ from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.measured import AmplitudeRow
 from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
 from tuning.search.bounds import Bounds, Table
@@ -27,7 +27,7 @@ from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import frictions
 from tuning.search.tracking import Place, TrackingObjective, Treatment
 from tuning.search.trials import best, front, score, write_trials
-from tuning.search.verify import NOTHING, PathResult, Unseen, Verified, another_start
+from tuning.search.verify import NOTHING, Tracked, Unseen, Verified, another_start
 from tuning.settings import TuningSettings
 from tuning.study.record import Parameters, Record, Space, TrialSearch
 from tuning.study.samplers import cells, sampler
@@ -135,7 +135,7 @@ class SearchStages:
         write_trials(folder / "trials.csv", self.records)
         tracking = self.verify_paths() if self.treatments else {}
         if self.treatments:
-            judged = self.ranking(Verified(breakaway={}, tracking=tracking))
+            judged = self.ranking(tracking)
             # one that was asked for by name is the result, recommended or not
             self.chosen = next(iter(self.treatments if len(self.treatments) == 1 else judged), "")
             best_one = self.treatments.get(self.chosen, Treatment())
@@ -143,8 +143,6 @@ class SearchStages:
         if self.options.pareto:
             write_trials(folder / "pareto.csv", self.records, front)
         self._write(folder, Treatment(dither=self.final, compensation=self.compensation))
-        if len(tables) > 1:
-            write_amplitudes(folder / "sje_table.csv", tables["search sje"])
         breakaway = self._unseen.breakaway(
             self.sje.replace(seed=self.seed + 1),
             # a ramp takes long: if only paths were searched, the table found is enough
@@ -308,29 +306,29 @@ class SearchStages:
 
     # ---- what was found ----------------------------------------------------------------------
 
-    def ranking(self, verified: Verified) -> list[str]:
+    def ranking(self, tracking: Tracked) -> list[str]:
         """Return treatments that may be recommended, those that leave least error first.
 
         They leave less than nothing does, and on no path shake at rest more than that and a margin.
         """
-        tracking, margin = verified.tracking, self.search.rest_margin
+        margin = self.search.rest_margin
         allowed = [
             name
             for name in self.treatments
-            if self.left(verified, name) < 1.0
+            if self.left(tracking, name) < 1.0
             and all(
                 result.vibration_at_rest_m <= tracking[NOTHING][path].vibration_at_rest_m + margin
                 for path, result in tracking[name].items()
             )
         ]
-        return sorted(allowed, key=lambda name: self.left(verified, name))
+        return sorted(allowed, key=lambda name: self.left(tracking, name))
 
-    def left(self, verified: Verified, name: str) -> float:
+    def left(self, tracking: Tracked, name: str) -> float:
         """Return the error left on unseen paths over no treatment's, geometric mean [-].
 
         The mean is over position and orientation at all goals.
         """
-        unseen = [r for path, r in verified.tracking[name].items() if path not in TUNED]
+        unseen = [r for path, r in tracking[name].items() if path not in TUNED]
         values = [x for r in unseen for x in (r.position[0], r.orientation[0])]
         return float(np.exp(np.mean(np.log(values))))
 
@@ -339,7 +337,7 @@ class SearchStages:
         compensation = self.treatments[name].compensation
         return "nothing" if compensation is None else LAWS[compensation.kind].knows
 
-    def verify_paths(self) -> dict[str, dict[str, PathResult]]:
+    def verify_paths(self) -> Tracked:
         """Measure treatments again, from a start and on paths that the search has not seen."""
         start = another_start(self.sje.sticking.arm, self.search.verify_start, [self.seed, UNSEEN])
         unseen = self._gte(self.seed + 1, start=start)

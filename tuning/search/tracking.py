@@ -5,7 +5,7 @@ the impedance law's own lag. The error that friction leaves at each goal does. A
 arm is tried on every path, stiffness and friction:
 
     value       1/2 (log position left + log orientation left), over no dither, mean of all goals
-    constraint  vibration / largest vibration - 1 <= 0, moving and at rest; depth in forbidden bands
+    constraint  vibration / largest vibration - 1 <= 0, moving and at rest
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import Measures, measure
+from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
@@ -55,13 +55,9 @@ class Treatment:
 class Tracking:
     """Results of one treatment at P places under F frictions."""
 
-    position: Array
-    """(P, F, G) error left at each goal when the arm's time there is over [m]; NaN where a goal was
-    never reached, and after the last goal of a path with fewer."""
-    orientation: Array
-    """(P, F, G) the same for the orientation [rad]."""
-    goals: Array
-    """(P,) number of goals of each path."""
+    errors: tuple[Array, ...]
+    """Per place (F, G, 2) error left at each of its goals when the arm's time there is over:
+    distance [m] and angle [rad]."""
     vibration: Array
     """(P, F) root mean square vibration during the motion, rotation included [m]."""
     vibration_at_rest: Array
@@ -82,7 +78,9 @@ class Tracking:
         Errors are averaged over frictions before they are compared, so that one that happens to be
         zero does not decide.
         """
-        return _left(self.position, plain.position), _left(self.orientation, plain.orientation)
+        pairs = zip(self.errors, plain.errors, strict=True)
+        ratio = np.concatenate([np.log(x.mean(axis=0) / y.mean(axis=0)) for x, y in pairs])
+        return float(np.exp(ratio[:, 0].mean())), float(np.exp(ratio[:, 1].mean()))
 
     def by_friction(self, plain: Tracking) -> dict[str, Array]:
         """Return errors relative to another treatment per friction, geometric means (F,) [-].
@@ -90,14 +88,13 @@ class Tracking:
         ``position`` and ``orientation`` are over all goals; ``resting_…`` at the last goal of each
         path, where the arm rests, a second after it was reached.
         """
-        out = {}
-        last = self.goals.astype(np.int64)[:, None, None] - 1
-        for name in ("position", "orientation"):
-            ratio = np.log(getattr(self, name) / getattr(plain, name))
-            out[name] = np.exp(_mean_of_goals(ratio, self.goals).mean(axis=0))
-            resting = np.take_along_axis(ratio, last, axis=2)[:, :, 0]
-            out[f"resting_{name}"] = np.exp(resting.mean(axis=0))
-        return out
+        ratios = [np.log(x / y) for x, y in zip(self.errors, plain.errors, strict=True)]
+        every, last = (
+            np.exp(np.mean(values, axis=0))
+            for values in ([x.mean(axis=1) for x in ratios], [x[:, -1] for x in ratios])
+        )
+        names = ("position", "orientation", "resting_position", "resting_orientation")
+        return dict(zip(names, (*every.T, *last.T), strict=True))
 
 
 class TrackingObjective:
@@ -111,7 +108,7 @@ class TrackingObjective:
         places: Sequence[Place],
         *,
         iterations: int,
-        joints: Sequence[int],
+        joints: Sequence[int] = (),
         compensation: str = "none",
         limits: Table = (),
         penalty: float = 0.0,
@@ -127,7 +124,7 @@ class TrackingObjective:
             frictions: frictions under which every table is tried.
             places: paths and stiffnesses.
             iterations: repeats per place and friction.
-            joints: joints to dither, from 1.
+            joints: joints whose dither is searched, from 1.
             compensation: kind to search, or "none"; its gains are those of the friction that the
                 controller assumes, times a factor.
             limits: a table whose vibration no other may exceed, where ``bounds`` has none.
@@ -141,16 +138,21 @@ class TrackingObjective:
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
         self.frictions, self.iterations = list(frictions), iterations
         self.joints, self.penalty = tuple(joints), penalty
-        self._settings = settings or tuning_settings().bounds
         self._believed = None if compensation == "none" else experiment.compensation(compensation)
-        self._largest: dict[str, float] = {}
-        self._usual: dict[str, float] = {}
-        """Defaults of the numbers of the compensation that are searched."""
+        self._varied: dict[str, tuple[float, BaseDistribution]] = {}
+        """Start and range of every parameter of the compensation."""
         if self._believed is not None:
-            law = LAWS[compensation]
-            self._largest = {field.name: field.largest for field in law.fields}
-            self._usual = {name: self._believed.numbers[name][0] for name in law.searched}
-        self._loaded = rest_margin is not None and compensation == "push"
+            s, law = settings or tuning_settings().bounds, LAWS[compensation]
+            factor, reach = s.compensation_factor, s.compensation_reach
+            self._varied["compensation"] = float(np.mean(factor)), FloatDistribution(*factor)
+            highest = {field.name: field.largest for field in law.fields}
+            for name in law.searched:
+                usual = self._believed.numbers[name][0]
+                most = min(usual * reach, highest[name])
+                wide = FloatDistribution(usual / reach, most, log=True)
+                self._varied[f"compensation_{name}"] = usual, wide
+            if rest_margin is not None and compensation == "push":
+                self._varied["compensation_load"] = 0.0, FloatDistribution(0.0, s.compensation_load)
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
         shaken = self.plain
@@ -174,25 +176,16 @@ class TrackingObjective:
         for j in self.joints:
             for name, d in self.bounds.space(j).items():
                 out[f"{name}_{j}"] = d
-        if self._believed is not None:
-            reach = self._settings.compensation_reach
-            out["compensation"] = FloatDistribution(*self._settings.compensation_factor)
-            for name, usual in self._usual.items():
-                most = min(usual * reach, self._largest[name])
-                out[f"compensation_{name}"] = FloatDistribution(usual / reach, most, log=True)
-            if self._loaded:
-                most = self._settings.compensation_load
-                out["compensation_load"] = FloatDistribution(0.0, most)
-        return out
+        return out | {name: wide for name, (_, wide) in self._varied.items()}
 
     def treatment(self, parameters: Parameters) -> Treatment:
         """Return the treatment that parameters of `space` describe."""
         compensation = None
         if self._believed is not None:
-            factor, n = parameters["compensation"], self._believed.n
-            names = [*self._usual, *(["load"] if self._loaded else [])]
-            more: Parameters = {name: (parameters[f"compensation_{name}"],) * n for name in names}
-            compensation = self._believed.times(factor).replace(**more)
+            first, *others = self._varied
+            n = self._believed.n
+            more = {x.removeprefix("compensation_"): (parameters[x],) * n for x in others}
+            compensation = self._believed.times(parameters[first]).replace(**more)
         rows = []
         for j in self.joints:
             mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j)}
@@ -206,12 +199,7 @@ class TrackingObjective:
         for j in self.joints:
             row = rows.get(j, AmplitudeRow(j, 0.0, 0.0))
             out |= {f"{name}_{j}": value for name, value in self.bounds.share(row).items()}
-        if self._believed is not None:
-            out["compensation"] = float(np.mean(self._settings.compensation_factor))
-            out |= {f"compensation_{name}": usual for name, usual in self._usual.items()}
-            if self._loaded:
-                out["compensation_load"] = 0.0
-        return out
+        return out | {name: usual for name, (usual, _) in self._varied.items()}
 
     # ---- measuring ---------------------------------------------------------------------------
 
@@ -224,11 +212,8 @@ class TrackingObjective:
         runs = e.run(cases, iterations=self.iterations, parameters=frictions)
         found = [measure(run, e.protocol, e.motion) for run in runs]
         shape = (len(treatments), len(self.places), len(self.frictions))
-        goals = np.array([len(e.path(path).position) for path, _ in self.places])
-        position, orientation = (
-            np.array([_left_at_goals(m, part, goals.max()) for m in found]).reshape(*shape, -1)
-            for part in range(2)
-        )
+        places = [found[k : k + shape[2]] for k in range(0, len(found), shape[2])]
+        errors = [np.stack([m.left.mean(axis=0) for m in place]) for place in places]
         numbers = {
             "vibration": [_rms(m.shaking) for m in found],
             "vibration_at_rest": [_rms(m.shaking_at_rest) for m in found],
@@ -238,9 +223,7 @@ class TrackingObjective:
         values = {name: np.array(x, dtype=float).reshape(shape) for name, x in numbers.items()}
         return [
             Tracking(
-                position=position[k],
-                orientation=orientation[k],
-                goals=goals,
+                errors=tuple(errors[k * shape[1] : (k + 1) * shape[1]]),
                 **{name: x[k] for name, x in values.items()},
             )
             for k in range(len(treatments))
@@ -248,23 +231,11 @@ class TrackingObjective:
 
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
         """Return outcomes of tables (0, parameters of `space`)."""
-        treatments = [self.treatment(parameters) for _, parameters in asked]
-        depths = [
-            max((self.bounds.forbidden(r.joint, r.frequency_hz) for r in t.dither), default=-np.inf)
-            for t in treatments
-        ]
-        allowed = [k for k, depth in enumerate(depths) if depth <= 0]
-        tried = self.measure([treatments[k] for k in allowed]) if allowed else []
-        found = dict(zip(allowed, tried, strict=True))
-        return [self.outcome(found.get(k), depth) for k, depth in enumerate(depths)]
+        found = self.measure([self.treatment(parameters) for _, parameters in asked])
+        return [self.outcome(one) for one in found]
 
-    def outcome(self, found: Tracking | None, depth: float) -> TrialOutcome:
-        """Return the stored outcome of a table; ``found`` is None in a forbidden band."""
-        forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
-        if found is None:  # not simulated: treated as if it had no effect
-            values = (self.penalty * depth, *self.plain.shaking[: self.pareto])
-            calm = (0.0, 0.0, *forbidden, *([0.0] if np.isfinite(self.torque_rate) else []))
-            return TrialOutcome(values=values, constraints=calm)
+    def outcome(self, found: Tracking) -> TrialOutcome:
+        """Return the stored outcome of a table."""
         position, orientation = found.left(self.plain)
         value = 0.5 * float(np.log(position) + np.log(orientation))
         if not np.isfinite(value):
@@ -273,15 +244,15 @@ class TrackingObjective:
             shaken / limit - 1.0 if np.isfinite(limit) else -1.0
             for shaken, limit in zip(found.shaking, self.vibration, strict=True)
         ]
-        constraints = (*([0.0, 0.0] if self.pareto else over), *forbidden)
+        constraints = [0.0, 0.0] if self.pareto else over[:]
         if np.isfinite(self.torque_rate):
             over.append(float(found.torque_rate.max()) / self.torque_rate - 1.0)
-            constraints = (*constraints, over[-1])
+            constraints.append(over[-1])
         moving, resting = found.shaking
         penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
         return TrialOutcome(
             values=(penalised, *found.shaking[: self.pareto]),
-            constraints=constraints,
+            constraints=tuple(constraints),
             measures={
                 "objective": value,
                 "position_left": position,
@@ -293,26 +264,6 @@ class TrackingObjective:
                 LIMITS: over,
             },
         )
-
-
-def _left_at_goals(m: Measures, part: int, count: int) -> Array:
-    """Return the error left at each goal, mean over iterations (count,), NaN after the last."""
-    left = m.left[..., part].mean(axis=0)
-    return np.concatenate([left, np.full(count - len(left), np.nan)])
-
-
-def _mean_of_goals(values: Array, goals: Array) -> Array:
-    """Return the mean over each path's goals of (P, ..., G) values; NaN if one of them is NaN."""
-    used = np.arange(values.shape[-1]) < goals.reshape(-1, *[1] * (values.ndim - 1))
-    total = np.where(used, values, 0.0).sum(axis=-1)
-    return total / used.sum(axis=-1)
-
-
-def _left(values: Array, plain: Array) -> float:
-    """Return the geometric mean over places and goals of the ratio of two errors (P, F, G)."""
-    ratio = np.log(values.mean(axis=1) / plain.mean(axis=1))
-    used = np.isfinite(plain.mean(axis=1))
-    return float(np.exp(ratio[used].mean()))
 
 
 def _rms(values: Array) -> float:

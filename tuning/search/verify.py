@@ -21,7 +21,7 @@ from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.robots import Arm
 from tuning.search.bounds import Bounds, Table
 from tuning.search.breakaway import Breakaway, BreakawayObjective, interval
-from tuning.search.tracking import Place, TrackingObjective, Treatment
+from tuning.search.tracking import TrackingObjective, Treatment
 from tuning.settings import SearchSettings
 from tuning.study.workers import Progress
 
@@ -49,13 +49,17 @@ class PathResult:
     """Largest change of torque on any joint [N·m/s]."""
 
 
+Tracked = Mapping[str, Mapping[str, PathResult]]
+"""Results by treatment and path."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Verified:
     """All results of the repeated measurement."""
 
     breakaway: Mapping[str, Mapping[int, Breakaway]]
-    tracking: Mapping[str, Mapping[str, PathResult]]
-    """Per table and path; empty where only the SJE was searched."""
+    tracking: Tracked
+    """Empty where only the SJE was searched."""
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -108,7 +112,7 @@ class Unseen:
         treatments: Mapping[str, Treatment],
         *,
         random: bool,
-    ) -> dict[str, dict[str, PathResult]]:
+    ) -> Tracked:
         """Run every treatment on the path used for tuning and on others, random ones if wanted."""
         treatments = {NOTHING: Treatment(), **treatments}
         groups: dict[str, Sequence[str]] = {path: (path,) for path in TRAJECTORIES}
@@ -118,9 +122,20 @@ class Unseen:
         for done, (path, places) in enumerate(groups.items()):
             self.progress(done, len(groups))
             keys = {f"{path} {treatment!r}": treatment for treatment in treatments.values()}
-            if missing := {key: t for key, t in keys.items() if key not in every}:
-                where: list[Place] = [(p, k) for p in places for k in thesis_stiffness()]
-                self._track(experiment, missing, where)
+            missing = {key: t for key, t in keys.items() if key not in every}
+            if not missing:
+                continue
+            objective = TrackingObjective(
+                *(experiment, self.bounds, self.frictions),
+                [(place, k) for place in places for k in thesis_stiffness()],
+                iterations=self.settings.verify_iterations,
+            )
+            for key, found in zip(missing, objective.measure([*missing.values()]), strict=True):
+                row = {k: v.tolist() for k, v in found.by_friction(objective.plain).items()}
+                row["vibration_m"], row["vibration_at_rest_m"] = found.shaking
+                row["power_w"] = float(found.power.mean())
+                row["torque_rate_nm_s"] = float(found.torque_rate.max())
+                self.kept.add(key, row)
         self.progress(len(groups), len(groups))
         result: dict[str, dict[str, PathResult]] = {}
         for name, treatment in treatments.items():
@@ -129,28 +144,6 @@ class Unseen:
                 row = every[f"{path} {treatment!r}"]
                 result[name][path] = PathResult(**{**row, **{k: _left(row[k]) for k in LEFT}})
         return result
-
-    def _track(
-        self,
-        experiment: GeneratedTrajectoryExperiment,
-        treatments: Mapping[str, Treatment],
-        places: Sequence[Place],
-    ) -> None:
-        """Store errors and vibration of treatments on some paths, per friction."""
-        objective = TrackingObjective(
-            experiment,
-            self.bounds,
-            self.frictions,
-            places,
-            iterations=self.settings.verify_iterations,
-            joints=range(1, experiment.n + 1),
-        )
-        for key, found in zip(treatments, objective.measure([*treatments.values()]), strict=True):
-            row = {k: v.tolist() for k, v in found.by_friction(objective.plain).items()}
-            row["vibration_m"], row["vibration_at_rest_m"] = found.shaking
-            row["power_w"] = float(found.power.mean())
-            row["torque_rate_nm_s"] = float(found.torque_rate.max())
-            self.kept.add(key, row)
 
 
 def _left(ratios: list[float]) -> tuple[float, float, float]:

@@ -4,13 +4,12 @@
 
 A finished trial is written in one transaction. What the sampler proposes depends on the seed, the
 trial's number and the trials of earlier batches, never on what the process did before. A search
-that was killed therefore starts again with a part of a batch, proposes the same batch and evaluates
-what is missing: trials, values and order are those of a run that was never stopped.
+that was killed therefore starts again with its last batch: trials, values and order are those of a
+run that was never stopped.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -35,10 +34,10 @@ Parameters = dict[str, Any]
 Space = Mapping[str, BaseDistribution]
 CONSTRAINTS = "constraints"
 """User attribute of a trial: its constraints, feasible where all are at most 0."""
+ABOUT = "about"
+"""User attribute of a study: its definition, each part as JSON."""
 LIMITS = "limits"
 """User attribute: how far a trial passes limits that the sampler need not know; at most 0."""
-SHOWN = ("robot", "protocol", "version", "sampler")
-"""Parts of a search's definition that are stored in full, to say in what another one differs."""
 UNMEASURED = "unmeasured"
 """User attribute of a failed trial that was evaluated although nothing could be measured."""
 
@@ -87,8 +86,10 @@ class Record:
         self.file = storages.storage_file(url)
         """File of the storage, None for a database server."""
         opened = open_storage(storage, settings)
-        definition = json.dumps([objectives, about], sort_keys=True, default=str)
-        fingerprint = hashlib.sha256(definition.encode()).hexdigest()
+        own = {
+            key: json.dumps(part, sort_keys=True, default=str)
+            for key, part in {"objectives": objectives, **about}.items()
+        }
         try:
             self.study = optuna.create_study(
                 study_name=name,
@@ -96,33 +97,23 @@ class Record:
                 directions=["minimize"] * objectives,
                 load_if_exists=True,
             )
-            known = self.study.user_attrs.get("fingerprint")
+            known = self.study.user_attrs.get(ABOUT)
             if known is None and not self.study.get_trials(deepcopy=False):
-                for key in SHOWN:
-                    if key in about:
-                        self.study.set_user_attr(key, about[key])
-                self.study.set_user_attr("fingerprint", fingerprint)
-                known = self.study.user_attrs["fingerprint"]  # another machine may have written it
+                self.study.set_user_attr(ABOUT, own)
+                known = self.study.user_attrs[ABOUT]  # another machine may have written it
         except (StorageInternalError, SQLAlchemyError, OSError) as error:
             raise StictionError(
                 f"storage {self.place}: cannot be written: {reason_of(error)}"
             ) from None
-        if known != fingerprint:
-            raise StictionError(f"study {name!r}: {self._difference(about)}")
-
-    def _difference(self, about: Mapping[str, object]) -> str:
-        """Return how the stored study's definition differs."""
-        known = self.study.user_attrs
-        if "fingerprint" not in known:
-            return "was not made by stiction tune: expected another --study"
-        for key in SHOWN:
-            was = known.get(key)
-            if was != about.get(key):
-                return f"is of {key} {was}: expected {about.get(key)}, or another --study"
-        return (
-            "was made with other friction, bounds, settings or options: expected the same, or "
-            "another --study or --storage"
-        )
+        if known is None:
+            raise StictionError(
+                f"study {name!r}: was not made by stiction tune: expected another study"
+            )
+        if other := [key for key in own if known.get(key) != own[key]]:
+            raise StictionError(
+                f"study {name!r}: was made with another {', '.join(other)}: expected the same, or "
+                "another study or storage"
+            )
 
     @property
     def trials(self) -> list[FrozenTrial]:
@@ -177,7 +168,7 @@ def run(
         progress: called with the number of finished trials and the total.
 
     Raises:
-        StictionError: another process fills a record, or has filled it with other settings.
+        StictionError: another process fills a record.
     """
     with ExitStack() as held:
         for file in sorted({s.record.file for s in searches if s.record.file is not None}):
@@ -187,72 +178,51 @@ def run(
         while True:
             if progress is not None:
                 progress(sum(f.done for f in fills), total)
-            due = [(k, number) for k, f in enumerate(fills) for number in f.propose()]
+            due = [(k, trial) for k, fill in enumerate(fills) for trial in fill.propose()]
             if not due:
                 return
-            outcomes = evaluate([(k, fills[k].proposed[n].params) for k, n in due])
-            for (k, number), outcome in zip(due, outcomes, strict=True):
-                fills[k].tell(number, outcome)
+            outcomes = evaluate([(k, trial.params) for k, trial in due])
+            for (k, trial), outcome in zip(due, outcomes, strict=True):
+                fills[k].tell(trial, outcome)
 
 
 class _Fill:
-    """A search in memory: the stored trials, and the batch that is being evaluated."""
+    """A search in memory: the stored trials of whole batches, and the batch that is evaluated.
+
+    A batch that was stored in part is evaluated again: its trials are known to be the same.
+    """
 
     def __init__(self, search: TrialSearch) -> None:
-        self.search = search
         known = search.record.trials
-        whole = len(known) // search.batch * search.batch
+        self.search, self.done = search, len(known)
         self._memory = optuna.create_study(
             directions=search.record.study.directions, sampler=search.sampler(0)
         )
-        for trial in known[:whole]:
+        for trial in known[: self.done // search.batch * search.batch]:
             self._memory.add_trial(trial)
-        self._begun = known[whole:]
-        """Trials of an interrupted batch with an outcome."""
-        self.done = len(known)
-        self.proposed: dict[int, optuna.Trial] = {}
 
-    def propose(self) -> list[int]:
-        """Propose the next batch; return the numbers of trials without an outcome."""
-        s = self.search
+    def propose(self) -> list[optuna.Trial]:
+        """Propose the next batch; nothing where the budget is used up."""
+        s, out = self.search, list[optuna.Trial]()
         start = len(self._memory.get_trials(deepcopy=False))
-        if self.done >= s.evaluations:
-            return []
-        self.proposed = {}
-        for number in range(start, start + s.batch):
+        end = min(start + s.batch, s.evaluations) if self.done < s.evaluations else start
+        for number in range(start, end):
             self._memory.sampler = s.sampler(number)
             if number < len(s.first):
                 self._memory.enqueue_trial(s.first[number])
-            trial = self._memory.ask(dict(s.space))
-            self.proposed[number] = trial
-            if number + 1 == s.evaluations:
-                break
-        for known in self._begun:
-            if self.proposed[known.number].params != known.params:
-                raise StictionError(
-                    f"study {s.record.name!r}: trial {known.number} is not what this search "
-                    "proposes there: expected a study that only this search writes to"
-                )
-            self._tell_memory(known.number, known.values, known.user_attrs)
-        begun = {t.number for t in self._begun}
-        self._begun = []
-        return [n for n in self.proposed if n not in begun]
+            out.append(self._memory.ask(dict(s.space)))
+        return out
 
-    def tell(self, number: int, outcome: TrialOutcome) -> None:
-        """Store an outcome."""
-        self._tell_memory(number, outcome.values, attributes_of(outcome))
-        self.search.record.add(self._memory.get_trials(deepcopy=True)[number])
-        self.done += 1
-
-    def _tell_memory(
-        self, number: int, values: Sequence[float] | None, attributes: Parameters
-    ) -> None:
-        trial = self.proposed[number]
-        for key, value in attributes.items():
+    def tell(self, trial: optuna.Trial, outcome: TrialOutcome) -> None:
+        """Store an outcome, unless it is stored."""
+        for key, value in attributes_of(outcome).items():
             trial.set_user_attr(key, value)
         # `tell` lets the sampler store what it needs later; it must be this trial's own
-        self._memory.sampler = self.search.sampler(number)
-        if values is None:
+        self._memory.sampler = self.search.sampler(trial.number)
+        if outcome.values is None:
             self._memory.tell(trial, state=TrialState.FAIL)
         else:
-            self._memory.tell(trial, list(values))
+            self._memory.tell(trial, list(outcome.values))
+        if trial.number >= self.done:
+            self.search.record.add(self._memory.get_trials(deepcopy=True)[trial.number])
+            self.done += 1

@@ -13,7 +13,6 @@ import optuna
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import QUANTITIES
-from stiction_envs.friction.sticking import model_sha256
 from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.version import __version__
@@ -102,17 +101,12 @@ def open_run(
     """
     sticking = experiment.sticking
     about = {
-        "robot": sticking.arm.name,
+        **experiment.record,
         "protocol": protocol,
         "version": __version__,
-        "model": model_sha256(sticking),
         "friction": {k: getattr(sticking.parameters, k).tolist() for k in QUANTITIES},
         "sje": dataclasses.asdict(experiment.protocol),
-        "interface": dataclasses.asdict(experiment.interface),
-        "scatter": experiment.scatter,
         "seed": experiment.seed,
-        **experiment.drive_record,
-        **experiment.sensing_record,
         **defining,
     }
     made = {**about, **others, "storage": storage and shown(parse(storage)), "study": study}

@@ -176,10 +176,9 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self.case: list[Key] = [(TRAJECTORIES[0], episode_settings().stiffness[0])] * count
         self.goals = np.ones(count, dtype=np.int64)
         self._stiffness = np.array([k for _, k in self.case])
+        self._base: dict[int, Undithered] = {}
         self._unit = np.ones((count, 6))
-        self._base_error, self._base_shaking = np.zeros((count, 6)), np.zeros(count)
         self._unit_left = np.ones((count, CAPACITY, 2))
-        self._base_left, self._base_resting = np.zeros((2, count, 2))
         self._left = np.zeros(count)
         self._base_duration = np.ones(count)
         # the larger of both directions at the load of the start
@@ -245,11 +244,9 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         rig.set_dither(ids, amplitude=0.0, frequency=1.0, waveform=self.waveform)
         for i, case, path, b in zip(ids, cases, paths, base, strict=True):
             self.case[i], self.goals[i] = case, len(path.position)
-            self._stiffness[i] = case[1]
-            self._unit[i], self._base_error[i] = b.total, b.window
+            self._stiffness[i], self._base[int(i)] = case[1], b
+            self._unit[i], self._base_duration[i] = b.total, b.duration
             self._unit_left[i, : len(b.left)], self._left[i] = b.left, 0.0
-            self._base_left[i], self._base_resting[i] = b.left.mean(axis=0), b.left[-1]
-            self._base_duration[i], self._base_shaking[i] = b.duration, b.shaking
         self.recorder.start(ids, self.goals[ids])
 
     def _advance(self, ids: Index) -> None:
@@ -290,18 +287,19 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         """Return errors, vibration and duration of episodes that are over."""
         r, last = self.recorder, self.goals[ids] - 1
         left, mine = r.left[ids], np.arange(CAPACITY) <= last[:, None]
+        base = [self._base[int(i)] for i in ids]
         return {
             "error": r.window_sum[ids],
-            "undithered_error": self._base_error[ids],
+            "undithered_error": np.array([b.window for b in base]),
             "error_left": np.where(mine[..., None], left, 0.0).sum(axis=1) / (last + 1)[:, None],
-            "undithered_error_left": self._base_left[ids],
+            "undithered_error_left": np.array([b.left.mean(axis=0) for b in base]),
             "resting_error": left[np.arange(len(ids)), last],
-            "undithered_resting_error": self._base_resting[ids],
+            "undithered_resting_error": np.array([b.left[-1] for b in base]),
             "settling_error": self._left[ids],
             "tracking_error": (r.total_error[ids] / self._unit[ids]).mean(axis=1),
             "shaking": r.shaking[ids],
             "shaking_at_rest": r.shaking_at_rest[ids],
-            "undithered_shaking": self._base_shaking[ids],
+            "undithered_shaking": np.array([b.shaking for b in base]),
             "duration": self.rig.sequencer.arrays.reached[ids, last],
         }
 

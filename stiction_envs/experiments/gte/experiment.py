@@ -48,7 +48,6 @@ from stiction_envs.friction.sticking import (
     Friction,
     Robot,
     check_torque_driven,
-    model_sha256,
     sticking_model,
 )
 from stiction_envs.plant import CONTROL_DT, Plant
@@ -91,7 +90,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             robot: name, model file, arm, or an arm with its friction (`load_model`).
             friction: of one arm, or its TOML; None for the robot's friction.
             protocol: None for the default.
-            settings: of the controller; None for the robot's controller rate and the defaults.
+            settings: of the controller; None for the defaults.
             motion: of the trajectory generator.
             interface: None for the robot's.
             sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`. Errors and
@@ -121,14 +120,12 @@ class GeneratedTrajectoryExperiment(GTESetup):
             threads=threads,
         )
         arm = sticking.arm
-        if settings is None:
-            settings = ImpedanceSettings(rate_hz=float(self.interface.controller_rate_hz))
         if controller_model is not None and controller_model.joint_names != arm.joint_names:
             raise StictionError("the controller's model must have the joints of the arm")
         self._set(
             protocol=load_gte_protocol() if protocol is None else protocol,
             approach=load_protocol(arm.registered_name),
-            settings=settings,
+            settings=ImpedanceSettings() if settings is None else settings,
             motion=MotionLimits() if motion is None else motion,
             start=start_angles(arm, start),
             tool=tool_point(tool),
@@ -214,18 +211,14 @@ class GeneratedTrajectoryExperiment(GTESetup):
             provenance=provenance(
                 "gte",
                 {
-                    "robot": arm.name,
-                    "model_sha256": model_sha256(self.sticking),
+                    **self.record,
                     "protocol": dataclasses.asdict(self.protocol),
                     "settings": dataclasses.asdict(self.settings),
                     "motion": dataclasses.asdict(self.motion),
-                    "interface": dataclasses.asdict(self.interface),
-                    **self.sensing_record,
                     "start": self.start,
                     "tool": self.tool,
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
                     "controller_model_sha256": model_hash,
-                    "scatter": self.scatter,
                     "iterations": iterations,
                     "cases": [dataclasses.asdict(c) for c in cases],
                 },

@@ -29,7 +29,6 @@ from stiction_envs.plant.loop_arrays import (
     SLOW_STEPS,
     PlantArrays,
     write_direction,
-    write_joint_torque,
     write_links,
     write_slow,
 )
@@ -262,8 +261,8 @@ def follow(
             if slow or asymmetric:
                 take_fields(i, loop)
             if senses:
-                link_q, link_dq, felt = _true_state(i, plant)
-                sense_arm(due, i, step[i], link_q, link_dq, felt, measured)
+                link_q, link_dq = _true_state(i, plant)
+                sense_arm(due, i, step[i], link_q, link_dq, measured)
             read_hand(i, i, hand)
             if due and senses:
                 read_measured(i, seen)
@@ -319,14 +318,13 @@ def follow(
 
 
 @compiled
-def _true_state(i: int, plant: PlantArrays) -> tuple[Array, Array, Array]:
-    """Return link angles [rad], speeds [rad/s] and joint torques [N·m] (n,) of arm ``i``."""
+def _true_state(i: int, plant: PlantArrays) -> tuple[Array, Array]:
+    """Return link angles [rad] and speeds [rad/s] (n,) of arm ``i``."""
     n = len(plant.motor)
-    q, dq, torque = np.empty(n), np.empty(n), np.empty(n)
+    q, dq = np.empty(n), np.empty(n)
     write_links(i, plant.qpos, plant, q)
     write_links(i, plant.qvel, plant, dq)
-    write_joint_torque(i, plant, torque)
-    return q, dq, torque
+    return q, dq
 
 
 @compiled

@@ -54,11 +54,9 @@ class RunRow(CaseRow):
     """Results of one case over the whole path, means over iterations."""
 
     duration_s: float  # When the last goal was reached
-    vibration_x_m: float  # Root mean square above the protocol's `vibration_low`
-    vibration_y_m: float
-    vibration_z_m: float
-    vibration_turning_m: float  # Turns about all axes times the protocol's `vibration_lever`
-    vibration_m: float  # All four together
+    vibration_m: float
+    """Root mean square above the protocol's `vibration_low`: of the position, and of turns times
+    the protocol's `vibration_lever`."""
     vibration_at_rest_m: float  # The same after the last goal was reached
     dither_energy_j: float
     peak_torque_rate_nm_s: float  # The largest of all iterations and joints
@@ -107,16 +105,10 @@ def error_rows(run: Run, measures: Measures, robot: str) -> list[ErrorRow]:
 def run_row(run: Run, measures: Measures, robot: str) -> RunRow:
     """Return the row of a run."""
     m = measures
-    x, y, z = map(float, m.vibration[:, :3].mean(axis=0))
-    turning = np.sqrt((m.vibration[:, 3:] ** 2).sum(axis=1))
     flags: dict[str, Any] = {name: int(run.flags[name].sum()) for name in FLAGS}
     return RunRow(
         **_key(run.case, robot),
         duration_s=float(m.duration.mean()),
-        vibration_x_m=x,
-        vibration_y_m=y,
-        vibration_z_m=z,
-        vibration_turning_m=float(turning.mean()),
         vibration_m=float(m.shaking.mean()),
         vibration_at_rest_m=float(m.shaking_at_rest.mean()),
         dither_energy_j=float(m.dither_energy.mean()),

@@ -60,19 +60,18 @@ class Oscillation:
         self._rest = np.zeros((nsim, n))
         self._joint = np.zeros(nsim, dtype=np.int64)
         self._gone = np.zeros(nsim, dtype=bool)
-        self._squares, self._count = np.zeros((2, nsim))
-        self._all_squares, self._all_count = np.zeros((2, nsim))
+        # sum of squares [rad²] and number of angles: of a step, and of all
+        self._step, self._all = np.zeros((2, 2, nsim))
 
     def start(self, ids: Index, angle: Array, joint: Index) -> None:
         """Restart arms ``ids`` that rest at ``angle`` (M, n) [rad]; tested is ``joint``."""
         self._state[:, ids], self._rest[ids], self._joint[ids] = 0.0, angle, joint
         self._gone[ids] = False
-        for total in (self._squares, self._count, self._all_squares, self._all_count):
-            total[ids] = 0.0
+        self._step[:, ids] = self._all[:, ids] = 0.0
 
     def begin_step(self, ids: Index) -> None:
         """Begin an environment step of arms ``ids``."""
-        self._squares[ids] = self._count[ids] = 0.0
+        self._step[:, ids] = 0.0
 
     def add(self, ids: Index, angle: Array) -> None:
         """Take the next angles (M, K, n) of arms ``ids``, one per control step [rad]."""
@@ -84,19 +83,18 @@ class Oscillation:
         gone = np.logical_or.accumulate(mine >= self._far, axis=1) | self._gone[ids][:, None]
         self._gone[ids] = gone[:, -1]
         squares = np.where(gone, 0.0, (moved**2).sum(axis=1)).sum(axis=1)
-        count = (~gone).sum(axis=1)
-        self._squares[ids] += squares
-        self._count[ids] += count
-        self._all_squares[ids] += squares
-        self._all_count[ids] += count
+        for total in (self._step, self._all):
+            total[:, ids] += squares, (~gone).sum(axis=1)
 
     def step_mean_square(self, ids: Index) -> Array:
         """Return (M,) mean square of the last step, 0 where nothing counted [rad²]."""
-        return self._squares[ids] / np.maximum(self._count[ids], 1.0)
+        squares, count = self._step[:, ids]
+        return squares / np.maximum(count, 1.0)
 
     def episode_rms(self, ids: Index) -> Array:
         """Return (M,) root mean square since the start [rad]."""
-        return np.sqrt(self._all_squares[ids] / np.maximum(self._all_count[ids], 1.0))
+        squares, count = self._all[:, ids]
+        return np.sqrt(squares / np.maximum(count, 1.0))
 
 
 OPTIONS = ("joint", "load", "direction")  # Names of the reset options

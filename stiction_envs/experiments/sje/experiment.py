@@ -38,7 +38,7 @@ from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.experiments.sje.servo_rig import ServoRig
 from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.friction.servos import PositionServos
-from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
+from stiction_envs.friction.sticking import Friction, Robot, sticking_model
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
@@ -146,14 +146,7 @@ class SingleJointExperiment(SJESetup):
             return base
         rows = self._rows(dither, sorted({j.configuration.joint for j in base}))
         return base + [
-            Job(
-                job.configuration,
-                frequency_hz=row.frequency_hz,
-                amplitude_nm=row.amplitude_nm,
-                waveform=row.waveform,
-                offset_nm=row.offset_nm,
-                gate_velocity=row.gate_velocity,
-            )
+            Job.of(job.configuration, row)
             for job in base
             if (row := rows.get(job.configuration.joint)) is not None
         ]
@@ -190,9 +183,10 @@ class SingleJointExperiment(SJESetup):
         return SJERig(self, nsim)
 
     @property
-    def drive_record(self) -> dict[str, object]:
-        """Entry of a provenance for the servos."""
-        return {"servos": None if self.servos is None else dataclasses.asdict(self.servos)}
+    def record(self) -> dict[str, object]:
+        """Entries of a provenance for all but protocol and seed."""
+        servos = None if self.servos is None else dataclasses.asdict(self.servos)
+        return {**super().record, "servos": servos}
 
     def expected(self, job: Job) -> float:
         """Return the approximate size of a job's torque [N·m], to plan the work."""
@@ -235,13 +229,8 @@ class SingleJointExperiment(SJESetup):
             provenance=provenance(
                 "sje",
                 {
-                    "robot": arm.name,
-                    **self.drive_record,
-                    "model_sha256": model_sha256(self.sticking),
+                    **self.record,
                     "protocol": dataclasses.asdict(self.protocol),
-                    "interface": dataclasses.asdict(self.interface),
-                    **self.sensing_record,
-                    "scatter": self.scatter,
                     "iterations": iterations,
                     "jobs": [dataclasses.asdict(job) for job in jobs],
                 },

@@ -13,7 +13,7 @@ from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.holding_servos import Approach
 from stiction_envs.experiments.rig import joint_number
-from stiction_envs.measured import DIRECTIONS, LOADS
+from stiction_envs.measured import DIRECTIONS, LOADS, AmplitudeRow
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.arm_toml import read_toml
 from stiction_envs.robots.registry import ARMS
@@ -120,6 +120,20 @@ class Job:
     offset_nm: float = 0.0
     gate_velocity: float = float("inf")
     replica: int = 0  # Repeats of the same job with scatter of their own
+
+    @classmethod
+    def of(cls, configuration: Configuration, row: AmplitudeRow) -> Job:
+        """Return a configuration with the dither of its joint, or without where that has none."""
+        if row.amplitude_nm == 0:
+            return cls(configuration)
+        return cls(
+            configuration,
+            frequency_hz=row.frequency_hz,
+            amplitude_nm=row.amplitude_nm,
+            waveform=row.waveform,
+            offset_nm=row.offset_nm,
+            gate_velocity=row.gate_velocity,
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,6 @@ from stiction_envs.reporting.markdown import aligned, number, percent, signed, t
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
-
-Row = Mapping[str, Any]  # A row of the table: `SJERow` as a dict
 
 
 def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:

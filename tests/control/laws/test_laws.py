@@ -87,16 +87,6 @@ def test_numbers_that_do_not_fit_are_refused():
             of(kind, gain=1.0, **numbers)
 
 
-def test_smooth_sign_and_partial():
-    """g tanh(q̇/v) + b q̇; zero at rest for every other measurement."""
-    smooth, partial = of("smooth_sign", gain=0.7, speed=0.1), of("partial", gain=0.7, viscous=2.0)
-    assert torque(smooth, SPEED=0.05) == pytest.approx(0.7 * np.tanh(0.5), rel=1e-14)
-    v = partial.numbers["speed"][0]
-    assert torque(partial, SPEED=-0.05) == pytest.approx(-0.7 * np.tanh(0.05 / v) - 0.1, rel=1e-14)
-    for c in (smooth, partial):
-        assert torque(c, ERROR=1.0, WANTED_SPEED=1.0, GRAVITY=9.0, TORQUE=3.0, PUSHED=1.0) == 0.0
-
-
 def test_push_grows_with_the_load():
     c = of("push", gain=0.5, load=0.1)
     free, loaded = torque(c, ERROR=1.0), torque(c, ERROR=1.0, GRAVITY=-20.0)

@@ -49,7 +49,6 @@ def test_measures_are_over_the_motion():
     np.testing.assert_allclose(m.shaking_at_rest, 13e-3)
     row = gte_table.run_row(made_up(error), m, "panda")
     assert row.vibration_m == pytest.approx(13e-3)
-    assert row.vibration_turning_m == pytest.approx(12e-3)
     np.testing.assert_allclose(m.dither_energy, 2.0 * 6.0)
     np.testing.assert_allclose(m.torque_rate, 7.0)
     np.testing.assert_allclose(m.duration, 6.0)

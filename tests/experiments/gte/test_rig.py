@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rig import blank_sampling
 from stiction_envs.measured import AmplitudeRow
@@ -78,8 +77,7 @@ def test_slow_controller_takes_what_fell_due_between_its_cycles():
     """125 Hz: cycles every 8 ms, references every 10 ms; none may be missed."""
     b = bench(scatter=False)
     interface = b.interface.of(load_arm("panda"), controller_rate_hz=125)
-    settings = ImpedanceSettings(rate_hz=125.0)
-    slow = bench(scatter=False, interface=interface, settings=settings)
+    slow = bench(scatter=False, interface=interface)
     case = Case(trajectory="there", stiffness=STIFF)
     a, c = one(b, case), one(slow, case)
     k = min(len(a.time), len(c.time))

@@ -16,7 +16,6 @@ BAD = Sensing(
     speed="difference",
     speed_cutoff=8.0,
     measurement_delay=0.0013,
-    measurement_jitter=0.002,
     command_delay=0.001,
     missed_cycles=0.05,
 )

@@ -9,7 +9,7 @@ from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesi
 from tests.refusal import refusal
 from tests.servo_arm import servo_arm
 from tests.tuning.conftest import small
-from tuning.protocol.rules import final_amplitude
+from tuning.protocol.stages import final_amplitude
 from tuning.protocol.tune import tune
 from tuning.settings import tuning_settings
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tuning.robot import next_setting, posterior
+from tuning.robot import posterior
 from tuning.robot.posterior import Candidates, Posterior, Readings
 from tuning.settings import tuning_settings
 
@@ -18,7 +18,7 @@ def joint(predicted: np.ndarray, frequencies: np.ndarray | None = None) -> Candi
     return Candidates(
         joint=1,
         frequency_hz=f,
-        amplitude_nm=np.ones((s, 4)),
+        amplitude_nm=np.ones(s),
         predicted=np.repeat(np.asarray(predicted, dtype=float)[:, None], 4, axis=1),
         displacement=np.repeat(1e-4 / f[:, None], 4, axis=1),
         deviation=np.zeros((1, s, 4)),
@@ -28,10 +28,7 @@ def joint(predicted: np.ndarray, frequencies: np.ndarray | None = None) -> Candi
 
 def read(truth: np.ndarray, settings: list[int]) -> Readings:
     """Return readings of all cells of settings; truth (S, 4)."""
-    return Readings.of([(s, c, float(truth[s, c])) for s in settings for c in range(4)])
-
-
-NOTHING = Readings.of([])
+    return Readings(len(truth), [(s, c, float(truth[s, c])) for s in settings for c in range(4)])
 
 
 def posterior_of(candidates: Candidates, readings: Readings) -> Posterior:
@@ -39,8 +36,8 @@ def posterior_of(candidates: Candidates, readings: Readings) -> Posterior:
 
 
 def next_settings(candidates: Candidates, readings: Readings, count: int = 1) -> list[int]:
-    return next_setting.next_settings(candidates, readings, count, S)
+    return posterior.next_settings(candidates, readings, count, S)
 
 
 def may_stop(found: Posterior, readings: Readings) -> bool:
-    return next_setting.chance_of_better(found, readings, S) < 1.0 - S.confidence
+    return posterior.chance_of_better(found, readings, S) < 1.0 - S.confidence

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tests.tuning.robot.made_up import (
-    NOTHING,
     S,
     joint,
     may_stop,
@@ -16,22 +15,27 @@ from tests.tuning.robot.made_up import (
     posterior_of,
     read,
 )
-from tuning.robot.next_setting import best_measured, chance_of_better
-from tuning.robot.posterior import Posterior, Readings, discrepancy_kernel
+from tuning.robot.posterior import (
+    Posterior,
+    Readings,
+    best_measured,
+    chance_of_better,
+    discrepancy_kernel,
+)
 
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
 
 
 def test_one_reading_by_hand():
     """Gain k/(k + σ²) of one cell's discrepancy (Rasmussen & Williams 2.25)."""
-    posterior = posterior_of(joint(PREDICTED), Readings.of([(2, 1, 0.80)]))
+    posterior = posterior_of(joint(PREDICTED), Readings(5, [(2, 1, 0.80)]))
     k = S.offset**2 + S.configuration**2 + S.shape**2 + S.setting**2
     expected = 0.85 - 0.05 * k / (k + S.noise**2)
     assert posterior.cell_mean[2, 1] == pytest.approx(expected)
 
 
 def test_advantage_knows_what_two_settings_share():
-    posterior = posterior_of(joint(PREDICTED), NOTHING)
+    posterior = posterior_of(joint(PREDICTED), Readings(5))
     mean, sd = posterior.advantage(1)
     np.testing.assert_allclose(mean, PREDICTED[1] - PREDICTED)
     assert sd[1] == 0

@@ -54,8 +54,10 @@ def test_a_file_changes_all_joints_or_one(panda, tmp_path):
     assert np.isnan(bounds.displacement_rad[0])
     assert bounds.vibration_m[0] == pytest.approx(1e-4)
     assert np.isnan(bounds.vibration_m[1])
-    assert bounds.forbidden(1, 40.0) == pytest.approx(2.0)
-    assert bounds.forbidden(1, 37.0) == pytest.approx(-1.0)
+    for drawn, used in ((37.0, 37.0), (38.5, 38.0), (41.0, 42.0)):
+        assert bounds.setting(1, {"frequency_hz": drawn, "amplitude": 0.5}).frequency_hz == used
+    assert bounds.forbidden(1, 40.0)
+    assert not bounds.forbidden(1, 42.0)
 
 
 def test_bounds_that_are_met_are_named(panda):
