@@ -36,7 +36,7 @@ def test_writes_and_prints_the_smallest_sizes(cli, work, call):
     ]
     assert all(float(r["smallest_found"]) > 0 for r in rows)
     assert "Of 4 causes, counted on each joint, this recording shows 4 at one of" in ran.out
-    assert "coulomb_friction, coulomb_nm:\n  shown from joint 1 0.0" in ran.out
+    assert "coulomb_friction, coulomb_nm [N·m]" in ran.out
     assert ran.out.endswith("written to a: rehearsal.csv\n")
     assert "hid viscous_friction in the log" in ran.err
 
@@ -97,7 +97,7 @@ def test_a_servo_log_is_rehearsed(cli, work, servo_call):
         ("coulomb_friction", "2"),
     ]
     assert all(float(r["smallest_found"]) > 0 for r in rows[:2])
-    assert "shown from joint 1" in ran.out
+    assert "coulomb_friction, coulomb_nm [N·m]" in ran.out
 
 
 @pytest.mark.parametrize(
