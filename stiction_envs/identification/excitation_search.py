@@ -2,12 +2,9 @@
 
 Rows of the regressor are divided by the joints' torque limits, columns by their size over states
 drawn from the whole allowed range: a parameter that a motion hardly excites is then a small column,
-and not hidden by the motion's own scale. What is minimised is smooth, log κ_p with
-
-    κ_p² = ‖λ‖_p ‖1/λ‖_p,  λ eigenvalues of WᵀW,  p = 2,
-
-which lies above the condition number κ = √(λ_max/λ_min) by a bounded factor. Limits are penalties
-that grow from round to round; a motion that still breaks one in the end is made smaller.
+and not hidden by the motion's own scale. CMA-ES minimises the condition number's logarithm, with
+penalties for limits that are broken; a motion that still breaks one in the end is made smaller (N.
+Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", 2001).
 """
 
 from __future__ import annotations
@@ -15,12 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import logsumexp, softmax
+from cmaes import CMA
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
-from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.identification.excitation_limits import Clearance, MotionBounds, bounds_of, used
 from stiction_envs.identification.excitation_motion import (
     FourierSeries,
@@ -33,15 +29,13 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import (
     base_set,
     inertial_names,
-    inertial_parameters,
     torque_regressor,
 )
 
-POWER = 2.0  # p of the smooth condition number [-]; assumed
-PENALTIES = (1e1, 1e3, 1e5)  # weights of the penalties, one search after the other [-]; assumed
+PENALTY = 10.0  # weight of a limit broken by all of itself, over log κ [-]; assumed
+STEP = 0.05  # first step of the search, over ranges and speed limits [-]; assumed
 TIGHT = 0.98
 """Part of each limit at which the penalty begins, so that the end stays inside [-]; assumed."""
-DIFFERENCE = 1e-6  # step of the regressor's finite differences [rad, rad/s, rad/s²]; assumed
 STATES = 300
 """Random states from which base parameters and the columns' sizes are taken, and poses that are
 tried where the one at rest cannot be held; assumed."""
@@ -67,7 +61,6 @@ class ExcitationProblem:
         self.bounds: MotionBounds = bounds_of(arm, settings)
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
-        self.phi = inertial_parameters(self.model).ravel()
         carries = bool(arm.stated.gravcomp)
         self.carried = arm.pinocchio(compensated=True) if carries else None
         n, b = arm.n, self.bounds
@@ -108,13 +101,10 @@ class ExcitationProblem:
 
     def torque(self, state: State) -> Array:
         """Return (T, n) torque of the arm, rotors and springs of its file included [N·m]."""
-        links = torque_regressor(self.model, *state) @ self.phi
-        return np.asarray(links + self._stated(*state))
-
-    def _stated(self, q: Array, _: Array, ddq: Array) -> Array:
-        """Return (T, n) torque of rotors, springs and gravity compensation [N·m]."""
+        q, _, ddq = state
         s = self.arm.stated
-        out = s.armature * ddq + s.stiffness * (q - s.springref)
+        out = inverse_dynamics(self.model, *state) + s.armature * ddq
+        out = out + s.stiffness * (q - s.springref)
         return out if self.carried is None else out - gravity_torque(self.carried, q)
 
     def series(self, x: Array) -> FourierSeries:
@@ -137,7 +127,7 @@ class ExcitationProblem:
         """Return whether a motion keeps every limit and distance."""
         if max(used(state, self.torque(state), self.bounds).values()) > 1.0:
             return False
-        return self.clearance.keeps(state[0], self.settings.clearance)
+        return self.clearance.shortfall(state[0], self.settings.clearance) == 0.0
 
     def random(self, rng: np.random.Generator) -> Array:
         """Return a random point inside all limits, or raise an ExperimentError."""
@@ -212,87 +202,28 @@ class ExcitationProblem:
             out[self.arm.n :] *= SHRINK
         return None
 
-    def value(self, x: Array, weight: float) -> tuple[float, Array]:
-        """Return the smooth log condition number with penalties, and its gradient."""
-        n = self.arm.n
+    def cost(self, x: Array) -> float:
+        """Return log κ of a point, and penalties where it breaks a limit or comes too near."""
         state = self._state(x)
-        whole = self._whole(*state)
-        scale = 1.0 / (self.arm.limits.torque[:, None] * self.size)
-        w = whole[:, :, self.base.kept] * scale
-        flat = w.reshape(-1, self.base.size)
-        value, inner = smooth_condition(flat, POWER)
-        # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ + stated
-        outer = np.zeros_like(whole)
-        outer[:, :, self.base.kept] = inner.reshape(w.shape) * scale
-        stated = self._stated(*state)
-        torque = whole[:, :, : 10 * n] @ self.phi + stated
-        limit = TIGHT * self.bounds.torque
-        over = np.maximum(np.abs(torque) / limit - 1, 0.0)
-        value += weight * float(np.sum(over**2)) / SAMPLES
-        slope = weight * 2 * over * np.sign(torque) / limit / SAMPLES
-        outer[:, :, : 10 * n] += slope[:, :, None] * self.phi
-
-        along = [np.empty_like(state[0]) for _ in range(3)]
-        for kind in range(3):
-            for j in range(n):
-                moved = [y.copy() if i == kind else y for i, y in enumerate(state)]
-                moved[kind][:, j] += DIFFERENCE
-                change = (self._whole(*moved) - whole) / DIFFERENCE
-                along[kind][:, j] = np.einsum("tij,tij->t", outer, change)
-                change = (self._stated(*moved) - stated) / DIFFERENCE
-                along[kind][:, j] += np.einsum("tj,tj->t", slope, change)
-        more, pushes = self._penalties(state, weight)
-        value += more
-        gq, gv, ga = (g + push for g, push in zip(along, pushes, strict=True))
-        series = self.p.T @ gq + self.v.T @ gv + self.a.T @ ga
-        return value, np.concatenate([gq.sum(axis=0), series.T.ravel()])
-
-    def _penalties(self, state: State, weight: float) -> tuple[float, tuple[Array, Array, Array]]:
-        q, dq, ddq = state
-        b, share = self.bounds, weight / SAMPLES
-        half, middle = (b.high - b.low) / 2, (b.high + b.low) / 2
-        value = 0.0
-        out = []
-        for x, limit in ((q - middle, half), (dq, b.velocity), (ddq, b.acceleration)):
-            most = TIGHT * limit
-            over = np.maximum(np.abs(x) / most - 1, 0.0)
-            value += share * float(np.sum(over**2))
-            out.append(share * 2 * over * np.sign(x) / most)
-        short, gradient = self.clearance.shortfall(q, self.settings.clearance / TIGHT + 0.01)
-        value += share * short
-        out[0] = out[0] + share * gradient
-        return value, (out[0], out[1], out[2])
-
-
-def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
-    """Return log κ_p of a matrix (R, r), and its gradient (R, r)."""
-    values, vectors = np.linalg.eigh(w.T @ w)
-    log = np.log(np.maximum(values, 1e-14 * values[-1]))
-    out = (logsumexp(power * log) + logsumexp(-power * log)) / (2 * power)
-    part = (softmax(power * log) - softmax(-power * log)) / np.exp(log) / 2
-    return float(out), 2 * w @ ((vectors * part) @ vectors.T)
+        parts = used(state, self.torque(state), self.bounds).values()
+        over = sum(max(0.0, part / TIGHT - 1) for part in parts)
+        short = self.clearance.shortfall(state[0], self.settings.clearance / TIGHT + 0.01)
+        return float(np.log(self.condition(state)) + PENALTY * (over + short / SAMPLES))
 
 
 def search(
-    problem: ExcitationProblem, x: Array, progress: Callable[[], None] = lambda: None
+    problem: ExcitationProblem, x: Array, progress: Callable[[], None]
 ) -> tuple[Array, float] | None:
-    """Return the best point found inside all limits from ``x``, and its condition number."""
-    best: tuple[Array, float] | None = None
-    each = -(-problem.settings.iterations // len(PENALTIES))
-    for weight in PENALTIES:
-        found = minimize(
-            problem.value,
-            x,
-            args=(weight,),
-            jac=True,
-            method="L-BFGS-B",
-            callback=lambda _: progress(),
-            options={"maxiter": each, "maxcor": 20, "maxls": 20},
-        )
-        x = found.x
-        inside = problem.fitted(x)
-        if inside is not None:
-            condition = problem.condition(problem.series(inside).state(problem.fine))
-            if best is None or condition < best[1]:
-                best = inside, condition
-    return best
+    """Return the point that CMA-ES reaches from ``x``, inside all limits, and its κ."""
+    b = problem.bounds
+    step = np.repeat(STEP * b.velocity, problem.basis.shape[1])
+    step = np.concatenate([STEP * (b.high - b.low), step])
+    optimizer = CMA(mean=np.zeros(len(x)), sigma=1.0, seed=1)
+    for _ in range(problem.settings.iterations):
+        drawn = [optimizer.ask() for _ in range(optimizer.population_size)]
+        optimizer.tell([(z, problem.cost(x + step * z)) for z in drawn])
+        progress()
+    inside = problem.fitted(x + step * optimizer.mean)
+    if inside is None:
+        return None
+    return inside, problem.condition(problem.series(inside).state(problem.fine))
