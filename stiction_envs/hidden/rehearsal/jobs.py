@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any, Protocol, TypedDict
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -15,10 +13,6 @@ from stiction_envs.reporting.markdown import listed
 
 NOTHING = "nothing"
 """Key of the run in which nothing is hidden."""
-LARGE_NOISE, LARGE_SHARE = 25.0, 0.1
-"""Change by the largest size, over the noise, and over the joint's whole torque or motion,
-whichever is more; root mean squares [-]; assumed: nobody overlooks either. The smallest changes as
-much as the noise, hardly visible to the eye; the middle one is their geometric mean."""
 LEAST_FRICTION = 5.0
 """Dry friction that is taken where the log shows none, over the noise [-]; assumed."""
 FOUND, CONFUSED, MISSED = "found", "confused", "missed"
@@ -79,39 +73,6 @@ class CauseJob:
 NO_JOB = CauseJob(Hideable(NOTHING, "", "", ""), ())
 
 
-class Subject(Protocol):
-    """Logs in which causes can be hidden."""
-
-    noise: Array
-    """(n,) root mean square of what their own diagnosis leaves, of torques or angles."""
-    whole: Array
-    """(n,) root mean square of the torque or the motion."""
-
-    def why_not(self, what: Hideable, j: int) -> str:
-        """Return why a cause cannot show on a joint (from 0), or nothing."""
-
-    def size(self, job: CauseJob, target: Array) -> Array:
-        """Return the sizes (n,) that change torques or angles by root mean squares (n,); or 0."""
-
-    def run(self, job: CauseJob, size: Array, rng: np.random.Generator) -> RehearsalRun:
-        """Hide a cause of sizes (n,), diagnose the log, and return what is named."""
-
-
-def jobs_of(subject: Subject, causes: Iterable[Hideable]) -> list[CauseJob]:
-    """Return the jobs of causes, in their order."""
-    jobs = []
-    for what in causes:
-        whys = [subject.why_not(what, j) for j in range(len(subject.noise))]
-        seen = tuple(j for j, why in enumerate(whys) if not why)
-        if what.arm_wide:
-            jobs.append(CauseJob(what, seen or (0,), "" if seen else whys[0]))
-            continue
-        together = [(j,) for j in seen] if what.coupled else [seen] * bool(seen)
-        jobs += [CauseJob(what, joints) for joints in together]
-        jobs += [CauseJob(what, (j,), why) for j, why in enumerate(whys) if why]
-    return jobs
-
-
 def judge(job: CauseJob, row: int, run: RehearsalRun) -> tuple[str, list[str], str]:
     """Return the verdict of a run on a joint (from 1; 0: the arm), false causes, and why not found.
 
@@ -139,28 +100,6 @@ def judge(job: CauseJob, row: int, run: RehearsalRun) -> tuple[str, list[str], s
     if alike:
         return CONFUSED, false, f"these data cannot tell it from {listed(alike)}"
     return FOUND, false, ""
-
-
-def measure(job: CauseJob, subject: Subject, seed: int) -> list[RehearsalRun]:
-    """Hide a cause at the sizes that are needed; the smallest effect first."""
-
-    def run(number: int, size: Array) -> RehearsalRun:
-        rng = np.random.default_rng([seed, zlib.crc32(job.key.encode()), number])
-        return subject.run(job, size, rng)
-
-    if job.what.name == NOTHING:
-        return [run(1, np.zeros(0))]
-    overlooked = np.maximum(LARGE_NOISE * subject.noise, LARGE_SHARE * subject.whole)
-    small, large = (subject.size(job, x) for x in (subject.noise, overlooked))
-    sizes = small, np.sqrt(small * large), large
-    if not sizes[1].any():
-        return []
-    runs = {1: run(1, sizes[1])}
-    said = {judge(job, row, runs[1])[0] for row in job.rows if str(row) in runs[1]["sizes"]}
-    for k, needed in ((0, said != {MISSED}), (2, said != {FOUND})):
-        if needed and not np.allclose(sizes[k], sizes[1]):  # unless all are the largest there is
-            runs[k] = run(k, sizes[k])
-    return [runs[k] for k in sorted(runs)]
 
 
 def surrogate(x: Array, rng: np.random.Generator) -> Array:

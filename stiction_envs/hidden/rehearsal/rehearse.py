@@ -18,24 +18,29 @@ from __future__ import annotations
 
 import hashlib
 import os
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Unpack
 
+import numpy as np
+
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.gap.causes import Cause, register, registered
 from stiction_envs.gap.diagnose import SERVO_LOGS, TABLES, LogOptions, diagnose, kind_of
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
 from stiction_envs.hidden.rehearsal.jobs import (
-    NO_JOB,
+    FOUND,
+    MISSED,
     NOTHING,
     CauseJob,
-    Subject,
-    jobs_of,
-    measure,
+    Hideable,
+    RehearsalRun,
+    judge,
 )
 from stiction_envs.hidden.rehearsal.rehearsal_result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo_logs import ServoLogs
@@ -47,6 +52,13 @@ from stiction_envs.measured.logs.sources import Log
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.robots import Arm
+
+Subject = TorqueLogs | ServoLogs
+"""Logs in which causes can be hidden."""
+LARGE_NOISE, LARGE_SHARE = 25.0, 0.1
+"""Change by the largest size, over the noise, and over the joint's whole torque or motion,
+whichever is more; root mean squares [-]; assumed: nobody overlooks either. The smallest changes as
+much as the noise, hardly visible to the eye; the middle one is their geometric mean."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +114,43 @@ def _begin(causes: Sequence[Cause]) -> None:
     known = {c.name for c in registered()}
     for cause in (c for c in causes if c.name not in known):
         register(cause)
+
+
+def jobs_of(subject: Subject, causes: Sequence[Hideable]) -> list[CauseJob]:
+    """Return the jobs of causes, in their order, and that in which nothing is hidden."""
+    jobs = [CauseJob(Hideable(NOTHING, "", "", ""), ())]
+    for what in causes:
+        whys = [subject.why_not(what, j) for j in range(len(subject.noise))]
+        seen = tuple(j for j, why in enumerate(whys) if not why)
+        if what.arm_wide:
+            jobs.append(CauseJob(what, seen or (0,), "" if seen else whys[0]))
+            continue
+        together = [(j,) for j in seen] if what.coupled else [seen] * bool(seen)
+        jobs += [CauseJob(what, joints) for joints in together]
+        jobs += [CauseJob(what, (j,), why) for j, why in enumerate(whys) if why]
+    return jobs
+
+
+def measure(job: CauseJob, subject: Subject, seed: int) -> list[RehearsalRun]:
+    """Hide a cause at the sizes that are needed; the smallest effect first."""
+
+    def run(number: int, size: Array) -> RehearsalRun:
+        rng = np.random.default_rng([seed, zlib.crc32(job.key.encode()), number])
+        return subject.run(job, size, rng)
+
+    if job.what.name == NOTHING:
+        return [run(1, np.zeros(0))]
+    overlooked = np.maximum(LARGE_NOISE * subject.noise, LARGE_SHARE * subject.whole)
+    small, large = (subject.size(job, x) for x in (subject.noise, overlooked))
+    sizes = small, np.sqrt(small * large), large
+    if not sizes[1].any():
+        return []
+    runs = {1: run(1, sizes[1])}
+    said = {judge(job, row, runs[1])[0] for row in job.rows if str(row) in runs[1]["sizes"]}
+    for k, needed in ((0, said != {MISSED}), (2, said != {FOUND})):
+        if needed and not np.allclose(sizes[k], sizes[1]):  # unless all are the largest there is
+            runs[k] = run(k, sizes[k])
+    return [runs[k] for k in sorted(runs)]
 
 
 def rehearse(
@@ -172,6 +221,6 @@ def plan(
     return Plan(
         robot=own.robot,
         subject=subject,
-        jobs=[NO_JOB, *jobs_of(subject, hidden)],
+        jobs=jobs_of(subject, hidden),
         provenance=made,
     )

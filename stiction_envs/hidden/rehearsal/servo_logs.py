@@ -52,7 +52,7 @@ SAG_ALIKE = ("encoder_offset", "gravity_compensation_missing", "payload")
 
 
 class ServoLogs:
-    """Servo logs: see `jobs.Subject`."""
+    """Servo logs in which causes can be hidden."""
 
     def __init__(self, own: ServoDiagnosis, arm: Arm) -> None:
         """Take motion and noise from the diagnosis of the logs, of the rigid ``arm``."""
@@ -88,7 +88,7 @@ class ServoLogs:
         )
 
     def why_not(self, what: Hideable, j: int) -> str:
-        """See `jobs.Subject`."""
+        """Return why a cause cannot show on a joint (from 0), or nothing."""
         name, motion, step = what.name, self.motions[j], float(self.resolution[j])
         perfect = self.servo.perfect
         known = None if perfect else float(self.base[j, INDEX["stiffness"]])
@@ -107,7 +107,10 @@ class ServoLogs:
         return f"gravity does not sag joint {j + 1} enough to scale its torques"
 
     def size(self, job: CauseJob, target: Array) -> Array:
-        """See `jobs.Subject`; of a payload by which one joint sags by its target."""
+        """Return sizes (n,) that change angles by root mean squares (n,) [rad]; 0 where none does.
+
+        That of a payload lets one joint sag by its target.
+        """
         effect, size = EFFECTS[job.what.name], np.zeros(self.arm.n)
         if effect.arm_wide:
             q = np.stack([m.q for m in self.motions], axis=1)[::SPARSE]
@@ -128,7 +131,7 @@ class ServoLogs:
         return size
 
     def run(self, job: CauseJob, size: Array, rng: np.random.Generator) -> RehearsalRun:
-        """See `jobs.Subject`."""
+        """Hide a cause of sizes (n,), diagnose the logs, and return what is named."""
         parameters, sizes, mass = self.base.copy(), {}, 0.0
         if job.what.arm_wide:
             mass = float(size[0])

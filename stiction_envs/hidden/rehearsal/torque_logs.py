@@ -59,7 +59,7 @@ def hideable(cause: Cause) -> Hideable:
 
 
 class TorqueLogs:
-    """Joint logs: see `jobs.Subject`."""
+    """Joint logs in which causes can be hidden."""
 
     def __init__(self, own: Diagnosis) -> None:
         """Take motion and noise from the diagnosis of the logs; poses without time are refused."""
@@ -85,7 +85,7 @@ class TorqueLogs:
         self.dry = self.dry_friction(self.bare)
 
     def why_not(self, what: Hideable, j: int) -> str:
-        """See `jobs.Subject`."""
+        """Return why a cause cannot show on a joint (from 0), or nothing."""
         own, cause, joint = self.own, cause_named(what.name), -1 if what.arm_wide else j
         if not any((t.cause, t.joint) == (what.name, joint) for t in own.predictor.candidates):
             return "it changes no torque" + f" of joint {j + 1}" * (joint >= 0)
@@ -170,7 +170,7 @@ class TorqueLogs:
         return self.torque_of(world), parameters
 
     def size(self, job: CauseJob, target: Array) -> Array:
-        """See `jobs.Subject`.
+        """Return sizes (n,) with torques of a root mean square (n,) [N·m]; 0 where there is none.
 
         For a cause that all joints show, one joint reaches its target, the others stay below it.
         Sizes end at the largest.
@@ -191,7 +191,7 @@ class TorqueLogs:
         return size
 
     def run(self, job: CauseJob, size: Array, rng: np.random.Generator) -> RehearsalRun:
-        """See `jobs.Subject`."""
+        """Hide a cause of sizes (n,), diagnose the log, and return what is named."""
         tau, sizes = np.array(self.data.nominal), dict[str, float]()
         if job.what.name != NOTHING:
             hidden, sizes = self.hidden(job, size)

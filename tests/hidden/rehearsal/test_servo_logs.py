@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.hidden.rehearsal.jobs import NO_JOB
+from stiction_envs.hidden.rehearsal.jobs import NOTHING
 from stiction_envs.hidden.rehearsal.rehearse import Plan, plan
 from stiction_envs.hidden.rehearsal.servo_logs import ServoLogs
 from stiction_envs.hidden.servo_effects import EFFECTS
@@ -86,7 +86,7 @@ def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan) -> None:
 def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenServoLog) -> None:
     """Their stiffness and lag are no false alarms; the plan says why causes are not hidden."""
     asked = plan([seen.log], arm, causes=["coulomb_friction", "servo_stiffness", "payload"])
-    quick = replace(asked, jobs=tuple(j for j in asked.jobs if j.why_not or j is NO_JOB)).run()
+    quick = replace(asked, jobs=tuple(j for j in asked.jobs if j.why_not or j.key == NOTHING)).run()
     assert quick.named_without == ()
     reasons = {(x.what.name, row): x.why_not for x in asked.jobs for row in x.rows}
     assert reasons["servo_stiffness", 1] == "nobody said what it should be, so it is named as it is"

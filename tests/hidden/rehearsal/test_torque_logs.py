@@ -11,7 +11,8 @@ from stiction_envs.gap.causes import CAUSES, cause_named, register, unregister
 from stiction_envs.gap.causes.base import Parameter
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden.rehearsal.jobs import NO_JOB, CauseJob, measure, surrogate
+from stiction_envs.hidden.rehearsal.jobs import CauseJob, surrogate
+from stiction_envs.hidden.rehearsal.rehearse import jobs_of, measure
 from stiction_envs.hidden.rehearsal.torque_logs import (
     START,
     TorqueLogs,
@@ -61,7 +62,7 @@ def test_gaps_and_several_logs_stay(two):
     broken = replace(first, t=first.t + late, breaks=(1600,))
     logs = TorqueLogs(found(two, broken, second))
     assert len(logs.data.runs()) == 3
-    (run,) = measure(NO_JOB, logs, seed=1)
+    (run,) = measure(jobs_of(logs, [])[0], logs, seed=1)
     assert run["named"] == []
     size = logs.size(job_of("torque_offset", 0, 1), np.array([0.1, 0.2]))
     np.testing.assert_allclose(size, [0.1, 0.2])
