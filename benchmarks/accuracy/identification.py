@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmarks.accuracy import imperfect_arms as excited
 from benchmarks.harness import Benchmark, Row
 from benchmarks.thesis.rosdyn import rosdyn
-from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import identify
 from stiction_envs.identification.settings import excitation_settings
@@ -60,7 +60,8 @@ def recordings(motion: Any, settings: Any, seed: int) -> dict[str, tuple[Arm, An
     t = np.arange(round(20 * RATE)) / RATE
     # a search without iterations is its best random motion
     moving, resting = np.full(7, REACH), np.where(np.arange(7) < 2, 0.0, REACH)
-    random = excite(panda, settings.replace(iterations=1, randoms=3, starts=1), seed=50 + seed)
+    short = dataclasses.replace(settings, iterations=1, randoms=3, starts=1)
+    random = excite(panda, short, seed=50 + seed)
     return {
         "optimised series": (panda, motion.state(t)),
         AT_ONCE: (panda, motion.state(t)),
@@ -73,7 +74,7 @@ def recordings(motion: Any, settings: Any, seed: int) -> dict[str, tuple[Arm, An
 def simulated(motion: Any, settings: Any, seeds: int) -> dict[str, list[Row]]:
     """Return by recording and seed: errors of torque on another motion [N·m], masses, coverage."""
     rows: dict[str, list[Row]] = {}
-    short = settings.replace(iterations=1, randoms=3)
+    short = dataclasses.replace(settings, iterations=1, randoms=3)
     t = np.arange(0, 10, 0.02)
     other = {x: excite(x, short, seed=99).state(t) for x in ("panda", "iiwa7")}
     for seed in range(seeds):
