@@ -86,20 +86,6 @@ def servo_call(two, inputs):
     return ("diagnose", "--rehearse", path, "--robot", two, *known, "--threads", 1, "--out", "a")
 
 
-@pytest.mark.slow
-def test_a_servo_log_is_rehearsed(cli, work, servo_call):
-    ran = cli(*servo_call, "--rehearse-causes", "coulomb_friction")
-    assert ran.code == 0, ran.err
-    assert {p.name for p in (work / "a").iterdir()} == FILES
-    rows = csv_rows(work / "a/rehearsal.csv")
-    assert [(r["cause"], r["joint"]) for r in rows] == [
-        ("coulomb_friction", "1"),
-        ("coulomb_friction", "2"),
-    ]
-    assert all(float(r["smallest_found"]) > 0 for r in rows[:2])
-    assert "coulomb_friction, coulomb_nm [N·m]" in ran.out
-
-
 @pytest.mark.parametrize(
     ("more", "says"),
     [

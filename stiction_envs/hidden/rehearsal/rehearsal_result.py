@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, CauseJob, RehearsalRun, judge
 from stiction_envs.measured.csv_text import write_lines
-from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import aligned, listed, plural, short
 from stiction_envs.reporting.provenance import Provenance
@@ -30,10 +28,10 @@ class Row:
     """From 1; 0 for the whole arm."""
     parameter: str
     unit: str
-    smallest_found: float
-    """Smallest size that was named without a rival and without a false cause; else NaN."""
-    smallest_named: float
-    """Smallest size that was named, with or without a rival; else NaN."""
+    smallest_found: float | None
+    """Smallest size that was named without a rival and without a false cause."""
+    smallest_named: float | None
+    """Smallest size that was named, with or without a rival."""
     tried: tuple[float, ...]
     """Sizes that were hidden, smallest effect first."""
     false_alarms: str
@@ -44,23 +42,11 @@ class Row:
     """The motion that would show it, where this one does not."""
 
     @property
-    def found(self) -> bool:
-        """True if any size was found."""
-        return not math.isnan(self.smallest_found)
-
-    @property
-    def named(self) -> bool:
-        """True if any size was named, with or without a rival that fits as well."""
-        return not math.isnan(self.smallest_named)
-
-    @property
     def cell(self) -> str:
         """The smallest size: see `LEGEND`."""
-        return (
-            short(self.smallest_found, 3)
-            if self.found
-            else (f"({short(self.smallest_named, 3)})" if self.named else "-")
-        )
+        if self.smallest_found is not None:
+            return short(self.smallest_found, 3)
+        return "-" if self.smallest_named is None else f"({short(self.smallest_named, 3)})"
 
 
 def row_of(job: CauseJob, row: int, runs: list[RehearsalRun]) -> Row:
@@ -68,13 +54,13 @@ def row_of(job: CauseJob, row: int, runs: list[RehearsalRun]) -> Row:
     mine = [run for run in runs if str(row) in run["sizes"]]
     judged = [(run["sizes"][str(row)], *judge(job, row, run)) for run in mine]
 
-    def smallest(*verdicts: str) -> float:
-        return next((size for size, verdict, *_ in judged if verdict in verdicts), math.nan)
+    def smallest(*verdicts: str) -> float | None:
+        return next((size for size, verdict, *_ in judged if verdict in verdicts), None)
 
     instead = ""
     if not judged:
         instead = f"not visible in this motion: {job.why_not or 'it changes nothing'}"
-    elif math.isnan(smallest(FOUND)):
+    elif smallest(FOUND) is None:
         confused = [why for _, verdict, _, why in judged if verdict == CONFUSED]
         instead = [*(x[3] for x in judged), *confused][-1]
     return Row(
@@ -104,25 +90,27 @@ class Rehearsal(Result):
     """By key of their job."""
     provenance: Provenance
 
+    @property
+    def found(self) -> int:
+        """Number of rows of which one size was found."""
+        return sum(r.smallest_found is not None for r in self.rows)
+
     def to_json(self) -> dict[str, object]:
         """Return the rows, and what was named with nothing hidden."""
-        out: dict[str, object] = plain(
-            {
-                "robot": self.robot,
-                "rehearsal": [asdict(row) for row in self.rows],
-                "named_without": self.named_without,
-                "summary": self.summary,
-            }
-        )
-        return out
+        return {
+            "robot": self.robot,
+            "rehearsal": [asdict(row) for row in self.rows],
+            "named_without": list(self.named_without),
+            "summary": self.summary,
+        }
 
     def write(self, folder: Path) -> None:
         """Write ``rehearsal.csv``, and the runs behind it."""
         table = []
         for row in self.rows:
             cells = asdict(row) | {"tried": " ".join(f"{x:.4g}" for x in row.tried)}
-            cells["smallest_found"] = f"{row.smallest_found:.4g}" if row.found else ""
-            cells["smallest_named"] = f"{row.smallest_named:.4g}" if row.named else ""
+            for key in ("smallest_found", "smallest_named"):
+                cells[key] = "" if cells[key] is None else f"{cells[key]:.4g}"
             table.append(list(cells.values()))
         write_lines(folder / CSV, [f.name for f in fields(Row)], table)
         rows = KeptRows(folder / RUNS)
@@ -133,18 +121,16 @@ class Rehearsal(Result):
     @property
     def summary(self) -> str:
         """Sentences on the causes that the recording shows."""
-        found = sum(r.found for r in self.rows)
-        also = sum(r.named and not r.found for r in self.rows)
+        also = sum(r.smallest_named is not None for r in self.rows) - self.found
         text = f"Of {plural(len(self.rows), 'cause')}, counted on each joint, this recording shows "
-        text += f"{found} at one of the hidden sizes, without a false cause"
+        text += f"{self.found} at one of the hidden sizes, without a false cause"
         text += f", and {also} more that it cannot tell from other causes." if also else "."
         named = listed(self.named_without)
         names = f"{named}: a false alarm" if named else "no cause"
         return f"{text} With nothing hidden it names {names}."
 
     def __repr__(self) -> str:
-        found = sum(r.found for r in self.rows)
-        return f"<Rehearsal of {self.robot}: {found} of {len(self.rows)} shown>"
+        return f"<Rehearsal of {self.robot}: {self.found} of {len(self.rows)} shown>"
 
     def __str__(self) -> str:
         joints = sorted({r.joint for r in self.rows})
