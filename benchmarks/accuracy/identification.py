@@ -22,7 +22,7 @@ from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.regressor import consistent, inertial_parameters, torque_regressor
+from stiction_envs.robots.regressor import columns_of, consistent, inertial_parameters
 
 Array = NDArray[np.float64]
 STUDY = Benchmark(__file__, __doc__)
@@ -38,17 +38,9 @@ COLOURS = dict(zip(METHODS, ("0.75", "#b03a2e", "#5b8db8", "#d1701a"), strict=Tr
 
 def with_friction(arm: Arm, state: tuple[Array, Array, Array]) -> Array:
     """Return columns of links, Coulomb, viscous and offset along a motion, (T, n, 13 n)."""
-    q, dq, ddq = state
-    n = arm.n
-    own = np.zeros((len(q), n, 3, n))
-    j = np.arange(n)
-    own[:, j, 0, j], own[:, j, 1, j], own[:, j, 2, j] = (
-        np.sign(excited.presliding(q, 1e-9)),
-        dq,
-        1.0,
-    )
-    links = torque_regressor(arm.pinocchio(), q, dq, ddq)
-    return np.concatenate([links, own.reshape(len(q), n, -1)], axis=2)
+    q, dq, _ = state
+    own = np.stack([np.sign(excited.presliding(q, 1e-9)), dq, np.ones_like(q)], axis=2)
+    return columns_of(arm.pinocchio(), *state, own)
 
 
 # ---- simulated recordings ------------------------------------------------------------------------

@@ -191,7 +191,7 @@ def excite(
     checked_array(rate, "rate", (), above=0, unit="Hz")
     s = override(excitation_settings(), settings)
     rng = np.random.default_rng(seed)
-    problem = ExcitationProblem(arm, s, rng)
+    problem = ExcitationProblem(arm, s)
     points, conditions = [], []
     for k in range(max(s.randoms, s.starts)):
         points.append(problem.random(rng))

@@ -26,19 +26,13 @@ from stiction_envs.identification.excitation_motion import (
 )
 from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import Arm
-from stiction_envs.robots.regressor import (
-    base_set,
-    inertial_names,
-    torque_regressor,
-)
+from stiction_envs.robots.regressor import columns_of, structural_base
 
 PENALTY = 10.0  # weight of a limit broken by all of itself, over log κ [-]; assumed
 STEP = 0.05  # first step of the search, over ranges and speed limits [-]; assumed
 TIGHT = 0.98
 """Part of each limit at which the penalty begins, so that the end stays inside [-]; assumed."""
-STATES = 300
-"""Random states from which base parameters and the columns' sizes are taken, and poses that are
-tried where the one at rest cannot be held; assumed."""
+STATES = 300  # poses that are tried where the one at rest cannot be held; assumed
 TRIES = 400  # random motions that are tried before the search fails; assumed
 EASY = 0.8
 """Part of the usable torque that a pose may need to take the place of one at rest [-]; assumed."""
@@ -55,24 +49,15 @@ FINE = 400  # per period in the check of the result; assumed
 class ExcitationProblem:
     """One arm's regressor and limits."""
 
-    def __init__(self, arm: Arm, settings: ExcitationSettings, rng: np.random.Generator) -> None:
-        """Find base parameters and scales from random states."""
+    def __init__(self, arm: Arm, settings: ExcitationSettings) -> None:
+        """Find base parameters and the sizes of their columns."""
         self.arm, self.settings = arm, settings
         self.bounds: MotionBounds = bounds_of(arm, settings)
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
         carries = bool(arm.stated.gravcomp)
         self.carried = arm.pinocchio(compensated=True) if carries else None
-        n, b = arm.n, self.bounds
-        q = rng.uniform(b.low, b.high, (STATES, n))
-        dq = rng.uniform(-1, 1, (STATES, n)) * b.velocity
-        ddq = rng.uniform(-1, 1, (STATES, n)) * b.acceleration
-        friction = [f"{name}{j}" for j in range(1, n + 1) for name in ("Fc", "Fv", "offset")]
-        names = (*inertial_names(n), *friction)
-        whole = self._whole(q, dq, ddq)
-        self.base = base_set(whole.reshape(-1, whole.shape[-1]), names)
-        picked = whole[:, :, self.base.kept] / arm.limits.torque[:, None]
-        self.size = np.sqrt(np.mean(np.square(picked), axis=(0, 1)))
+        self.base, self.size = structural_base(arm, ("Fc", "Fv", "offset"))
         self.basis = rest_basis(settings.harmonics)
         t = np.arange(SAMPLES) / SAMPLES * settings.period
         kinds = fourier_basis(t, settings.base_frequency, settings.harmonics)
@@ -81,23 +66,14 @@ class ExcitationProblem:
         self._home: Array | None = None
         """(n,) where small motions fit if they do not about the pose at rest [rad]."""
 
-    def _whole(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return (T, n, 13 n) columns of links, then of friction joint by joint."""
-        n = self.arm.n
-        friction = np.zeros((len(q), n, n, 3))
-        j = np.arange(n)
-        friction[:, j, j, 0] = np.tanh(dq / SIGN_SPEED)
-        friction[:, j, j, 1] = dq
-        friction[:, j, j, 2] = 1.0
-        links = torque_regressor(self.model, q, dq, ddq)
-        return np.concatenate([links, friction.reshape(len(q), n, 3 * n)], axis=2)
-
     def condition(self, state: State, *, scaled: bool = True) -> float:
         """Return the condition number of the scaled regressor, or as it is in SI units."""
-        whole = self._whole(*state)[:, :, self.base.kept]
+        dq = state[1]
+        own = np.stack([np.tanh(dq / SIGN_SPEED), dq, np.ones_like(dq)], axis=2)
+        columns = columns_of(self.model, *state, own)[:, :, self.base.kept]
         if scaled:
-            whole = whole / self.arm.limits.torque[:, None] / self.size
-        return float(np.linalg.cond(whole.reshape(-1, self.base.size)))
+            columns = columns / self.arm.limits.torque[:, None] / self.size
+        return float(np.linalg.cond(columns.reshape(-1, self.base.size)))
 
     def torque(self, state: State) -> Array:
         """Return (T, n) torque of the arm, rotors and springs of its file included [N·m]."""

@@ -116,15 +116,14 @@ def test_better_conditioned_than_random_motions(motion):
 def test_stated_condition_number_is_that_of_the_regressor(panda, motion):
     """In SI units, worked out anew: 43 links' base parameters of the Panda and 21 of friction."""
     assert len(motion.columns) == 43 + 21
-    problem = ExcitationProblem(panda, QUICK, np.random.default_rng(3))
+    problem = ExcitationProblem(panda, QUICK)
     q, dq, ddq = motion.series.state(problem.fine)
     model, data = panda.pinocchio(), panda.pinocchio().createData()
     rows = []
     for k in range(len(q)):
         w = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
         own = [np.diag(x) for x in (np.tanh(dq[k] / SIGN_SPEED), dq[k], np.ones(7))]
-        friction = np.stack(own, axis=2).reshape(7, 21)
-        rows.append(np.hstack([w, friction])[:, problem.base.kept])
+        rows.append(np.hstack([w, *own])[:, problem.base.kept])
     s = np.linalg.svd(np.concatenate(rows), compute_uv=False)
     assert motion.condition_si == pytest.approx(s[0] / s[-1], rel=1e-6)
 
@@ -132,7 +131,7 @@ def test_stated_condition_number_is_that_of_the_regressor(panda, motion):
 def test_the_cost_is_the_condition_and_penalties(panda):
     """Inside all limits there is none; half as much again breaks some."""
     rng = np.random.default_rng(0)
-    problem = ExcitationProblem(panda, QUICK, rng)
+    problem = ExcitationProblem(panda, QUICK)
     x = problem.random(rng)
     for point, penalised in ((0.9 * x, False), (1.5 * x, True)):
         plain = np.log(problem.condition(problem._state(point)))

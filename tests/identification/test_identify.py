@@ -10,11 +10,10 @@ from benchmarks.accuracy import imperfect_arms as excited
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.identification.excitation import excite
-from stiction_envs.identification.fits import columns_of
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import consistent, inertial_parameters
+from stiction_envs.robots.regressor import columns_of, consistent, inertial_parameters
 from tests.refusal import refusal
 from tests.robots.arms import write_arms
 
