@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.identification.excitation_motion import State
 from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import ARMS, Arm
 from stiction_envs.robots.arm_toml import lookup, per_joint
@@ -125,15 +124,3 @@ class Clearance:
         distances = (x for pose in q for x in self._distances(pose, wanted).items())
         short = (1 - (d + self._allowed.get(pair, 0.0)) / wanted for pair, d in distances)
         return sum(x**2 for x in short if x > 0)
-
-
-def used(state: State, torque: Array, bounds: MotionBounds) -> dict[str, float]:
-    """Return the largest part of each limit that a motion uses, margins included [-]."""
-    q, dq, ddq = state
-    half = (bounds.high - bounds.low) / 2
-    return {
-        "position": float(np.max(np.abs(q - bounds.low - half) / half)),
-        "velocity": float(np.max(np.abs(dq) / bounds.velocity)),
-        "acceleration": float(np.max(np.abs(ddq) / bounds.acceleration)),
-        "torque": float(np.max(np.abs(torque) / bounds.torque)),
-    }

@@ -17,11 +17,10 @@ from cmaes import CMA
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
-from stiction_envs.identification.excitation_limits import Clearance, MotionBounds, bounds_of, used
+from stiction_envs.identification.excitation_limits import Clearance, MotionBounds, bounds_of
 from stiction_envs.identification.excitation_motion import (
     FourierSeries,
     State,
-    fourier_basis,
     rest_basis,
 )
 from stiction_envs.identification.settings import ExcitationSettings
@@ -59,10 +58,7 @@ class ExcitationProblem:
         self.carried = arm.pinocchio(compensated=True) if carries else None
         self.base, self.size = structural_base(arm, ("Fc", "Fv", "offset"))
         self.basis = rest_basis(settings.harmonics)
-        t = np.arange(SAMPLES) / SAMPLES * settings.period
-        kinds = fourier_basis(t, settings.base_frequency, settings.harmonics)
-        self.p, self.v, self.a = (x @ self.basis for x in kinds)
-        self.fine = np.arange(FINE) / FINE * settings.period
+        self.coarse, self.fine = (np.arange(x) / x * settings.period for x in (SAMPLES, FINE))
         self._home: Array | None = None
         """(n,) where small motions fit if they do not about the pose at rest [rad]."""
 
@@ -94,14 +90,20 @@ class ExcitationProblem:
             cosine=both[:, k:],
         )
 
-    def _state(self, x: Array) -> State:
-        n = self.arm.n
-        c = x[n:].reshape(n, -1).T
-        return x[:n] + self.p @ c, self.v @ c, self.a @ c
+    def used(self, state: State) -> dict[str, float]:
+        """Return the largest part of each limit that a motion uses, margins included [-]."""
+        (q, dq, ddq), b = state, self.bounds
+        half = (b.high - b.low) / 2
+        return {
+            "position": float(np.max(np.abs(q - b.low - half) / half)),
+            "velocity": float(np.max(np.abs(dq) / b.velocity)),
+            "acceleration": float(np.max(np.abs(ddq) / b.acceleration)),
+            "torque": float(np.max(np.abs(self.torque(state)) / b.torque)),
+        }
 
     def inside(self, state: State) -> bool:
         """Return whether a motion keeps every limit and distance."""
-        if max(used(state, self.torque(state), self.bounds).values()) > 1.0:
+        if max(self.used(state).values()) > 1.0:
             return False
         return self.clearance.shortfall(state[0], self.settings.clearance) == 0.0
 
@@ -116,9 +118,8 @@ class ExcitationProblem:
         b = self.bounds
         still = np.clip(self.arm.rest, b.low, b.high)[None]
         rest = still, np.zeros_like(still), np.zeros_like(still)
-        over = {k: x for k, x in used(rest, self.torque(rest), b).items() if x > 1}
-        if over:
-            name, most = max(over.items(), key=lambda item: item[1])
+        name, most = max(self.used(rest).items(), key=lambda item: item[1])
+        if most > 1:
             raise ExperimentError(
                 f"{self.arm.name}: at rest the {name} is {most:.2f} of what may be used of its "
                 "limit: give it another rest pose, or limits that it can be held with"
@@ -147,7 +148,8 @@ class ExcitationProblem:
         n, b = self.arm.n, self.bounds
         for trial in range(TRIES):
             c = rng.normal(size=(n, self.basis.shape[1]))
-            q, dq, ddq = self.p @ c.T, self.v @ c.T, self.a @ c.T
+            about_zero = self.series(np.concatenate([np.zeros(n), c.ravel()]))
+            q, dq, ddq = about_zero.state(self.coarse)
             reach = np.ptp(q, axis=0)
             late = max(0.0, 2 * trial / TRIES - 1)
             part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / TRIES) * (1 - 0.95 * late)
@@ -165,7 +167,8 @@ class ExcitationProblem:
             # in the end small ones
             middle += late * (np.clip(home, low, high) - middle)
             x = np.concatenate([middle, (scale[:, None] * c).ravel()])
-            if self.inside(self._state(x)) and self.inside(self.series(x).state(self.fine)):
+            series = self.series(x)
+            if all(self.inside(series.state(t)) for t in (self.coarse, self.fine)):
                 return x
         return None
 
@@ -180,9 +183,8 @@ class ExcitationProblem:
 
     def cost(self, x: Array) -> float:
         """Return log κ of a point, and penalties where it breaks a limit or comes too near."""
-        state = self._state(x)
-        parts = used(state, self.torque(state), self.bounds).values()
-        over = sum(max(0.0, part / TIGHT - 1) for part in parts)
+        state = self.series(x).state(self.coarse)
+        over = sum(max(0.0, part / TIGHT - 1) for part in self.used(state).values())
         short = self.clearance.shortfall(state[0], self.settings.clearance / TIGHT + 0.01)
         return float(np.log(self.condition(state)) + PENALTY * (over + short / SAMPLES))
 
