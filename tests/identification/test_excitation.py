@@ -152,17 +152,9 @@ def test_same_seed_same_motion_and_progress_rises_to_one(panda):
     assert search[-1] == 1.0
 
 
-def test_files(tmp_path, motion):
-    motion.write(tmp_path)
-    assert (tmp_path / "excitation.png").read_bytes()[:4] == b"\x89PNG"
-    path = tmp_path / "trajectory.csv"
-    motion.to_csv(path, 100.0)
-    head, *rows = path.read_text().splitlines()
-    assert head == "t," + ",".join(f"{c}{j}" for c in ("q", "dq") for j in range(1, 8))
-    table = np.array([[float(v) for v in row.split(",")] for row in rows])
-    np.testing.assert_allclose(table[:, 1:8], motion.state(table[:, 0])[0], atol=1e-7)
+def test_samples_need_a_rate(motion):
     with pytest.raises(StictionError, match="rate"):
-        motion.to_csv(path, 0.0)
+        motion.times(0.0)
 
 
 def test_an_arm_that_cannot_be_held_at_rest_is_said(panda):

@@ -146,12 +146,6 @@ def test_what_is_fixed_to_a_link_becomes_part_of_it(tmp_path):
         mujoco.MjModel.from_xml_string(new.xml)
 
 
-def test_written_mjcf_is_read_again(tmp_path, found):
-    found.write(tmp_path)
-    again = load_arm(tmp_path / "model.xml")
-    np.testing.assert_allclose(inertial_parameters(again.pinocchio()), found.phi, atol=1e-7)
-
-
 def test_bad_input(panda, recorded):
     refusal(lambda: identify([], panda), "one or more")
     refusal(lambda: with_inertias(panda, np.ones((6, 10))), r"\(7, 10\)")

@@ -19,8 +19,7 @@ from stiction_envs.hidden.servo_effects import EFFECTS as SERVO_EFFECTS
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw
 from stiction_envs.hidden.worlds import World
 from tests.command_line import csv_rows
-from tests.gap.small_logs import dry, found, hidden, only, write_csv
-from tests.refusal import refusal
+from tests.gap.small_logs import dry, found, hidden, only
 
 FEW = ("coulomb_friction", "gravity_compensation_missing")
 
@@ -147,14 +146,6 @@ def test_what_has_no_law_is_said_to_have_none(two):
         "not visible in this motion: no law is known by which to hide it"
     }
     assert found.found == 0
-
-
-def test_bad_input(two, two_xml, tmp_path):
-    log = tmp_path / "log.csv"
-    write_csv(log, hidden(two, seconds=5.0))
-    says = "unknown cause 'rust': expected one of coulomb"
-    refusal(lambda: rehearse(log, two_xml, causes=["rust"]), says)
-    refusal(lambda: rehearse(log, two_xml, torque="both"), "unknown torque side 'both'")
 
 
 def size_of(name: str, joint: int, known: bool, value: float) -> float:
