@@ -182,9 +182,9 @@ def diagnose_signals(
     seed: int,
     say: Callable[[str, float], None] = lambda *_: None,
 ) -> Diagnosis:
-    """Name what a nominal model gets wrong about the signals of logs whose torques were corrected.
+    """Name what a nominal model gets wrong about signals whose torques were corrected.
 
-    Arguments are as of `diagnose_logs`.
+    Arguments are as of `diagnose_logs`; the logs ``read`` need not be there.
     """
     say("inverse dynamics", 0.0)
     compare = partial(

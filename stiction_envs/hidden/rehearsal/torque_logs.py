@@ -66,7 +66,10 @@ class TorqueLogs:
         for log in own.logs:
             if log.static:
                 raise StictionError(f"{log.source}: poses at rest: expected joint logs to rehearse")
-        self.own, self.data = own, own.baseline.extend(own.base)
+        self.arm, self.baseline = own.base.arm, replace(own.baseline, torque_unit=None)
+        self.data = own.baseline.extend(own.base)
+        self.candidates = {(t.cause, t.joint) for t in own.predictor.candidates}
+        self.not_shown = {(x.name, j - 1) for x in own.not_shown for j in x.joints or (0,)}
         explained = np.stack([own.torque(j) for j in range(own.data.n)], axis=1)
         self.left = own.data.residual - explained
         self.noise = np.maximum(np.sqrt(np.mean(np.square(self.left), axis=0)), self.data.noise)
@@ -86,10 +89,10 @@ class TorqueLogs:
 
     def why_not(self, what: Hideable, j: int) -> str:
         """Return why a cause cannot show on a joint (from 0), or nothing."""
-        own, cause, joint = self.own, cause_named(what.name), -1 if what.arm_wide else j
-        if not any((t.cause, t.joint) == (what.name, joint) for t in own.predictor.candidates):
+        cause, joint = cause_named(what.name), -1 if what.arm_wide else j
+        if (what.name, joint) not in self.candidates:
             return "it changes no torque" + f" of joint {j + 1}" * (joint >= 0)
-        if any(x.name == what.name and joint + 1 in (x.joints or (0,)) for x in own.not_shown):
+        if (what.name, joint) in self.not_shown:
             return "its interval is as wide as before"
         if what.name not in EFFECTS and (not cause.is_linear or what.coupled):
             return "no law is known by which to hide it"
@@ -203,15 +206,9 @@ class TorqueLogs:
             tau[run] += surrogate(self.left[run], rng)
         signals = {x.name: getattr(recording, x.name) for x in fields(Signals)} | {"tau": tau}
         clean = replace(Signals(**signals), torque_unit=np.ones(1), set_up=False, zero_off=None)
-        said = diagnose_signals(
-            self.own.logs,
-            clean,
-            self.own.base.arm,
-            replace(self.own.baseline, torque_unit=None),
-            recording.torque,
-            (TOLERANCES, *registered()),
-            seed=0,
-        )
+        causes = (TOLERANCES, *registered())
+        side = recording.torque
+        said = diagnose_signals((), clean, self.arm, self.baseline, side, causes, seed=0)
         named = [[c.name, list(c.joints), list(c.confused_with)] for c in said.causes]
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
 
