@@ -52,7 +52,7 @@ import sys
 
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"torch", "stable_baselines3", "pyarrow", "cmaes"}:
+        if name.partition(".")[0] in {"torch", "stable_baselines3", "pyarrow"}:
             raise ImportError(f"{name} was asked for")
 
 sys.meta_path.insert(0, Blocker())
@@ -162,7 +162,7 @@ def test_every_import_is_declared():
 )
 def test_a_missing_extra_is_one_clear_line(code, says, tmp_path):
     (tmp_path / "a.parquet").write_bytes(b"PAR1")
-    block = "import sys; sys.modules.update(pyarrow=None, cmaes=None, stable_baselines3=None)"
+    block = "import sys; sys.modules.update(pyarrow=None, stable_baselines3=None)"
     done = python(f"{block}; {code}", cwd=tmp_path)
     assert done.stderr.splitlines()[-1] == f"stiction_envs.errors.StictionError: {says}"
 

@@ -13,16 +13,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmarks.accuracy import imperfect_arms as excited
 from benchmarks.harness import Benchmark, Row
 from benchmarks.thesis.rosdyn import rosdyn
-from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import identify
 from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.regressor import consistent, inertial_parameters, torque_regressor
+from stiction_envs.robots.regressor import columns_of, consistent, inertial_parameters
 
 Array = NDArray[np.float64]
 STUDY = Benchmark(__file__, __doc__)
@@ -38,17 +38,9 @@ COLOURS = dict(zip(METHODS, ("0.75", "#b03a2e", "#5b8db8", "#d1701a"), strict=Tr
 
 def with_friction(arm: Arm, state: tuple[Array, Array, Array]) -> Array:
     """Return columns of links, Coulomb, viscous and offset along a motion, (T, n, 13 n)."""
-    q, dq, ddq = state
-    n = arm.n
-    own = np.zeros((len(q), n, 3, n))
-    j = np.arange(n)
-    own[:, j, 0, j], own[:, j, 1, j], own[:, j, 2, j] = (
-        np.sign(excited.presliding(q, 1e-9)),
-        dq,
-        1.0,
-    )
-    links = torque_regressor(arm.pinocchio(), q, dq, ddq)
-    return np.concatenate([links, own.reshape(len(q), n, -1)], axis=2)
+    q, dq, _ = state
+    own = np.stack([np.sign(excited.presliding(q, 1e-9)), dq, np.ones_like(q)], axis=2)
+    return columns_of(arm.pinocchio(), *state, own)
 
 
 # ---- simulated recordings ------------------------------------------------------------------------
@@ -60,7 +52,8 @@ def recordings(motion: Any, settings: Any, seed: int) -> dict[str, tuple[Arm, An
     t = np.arange(round(20 * RATE)) / RATE
     # a search without iterations is its best random motion
     moving, resting = np.full(7, REACH), np.where(np.arange(7) < 2, 0.0, REACH)
-    random = excite(panda, settings.replace(iterations=1, randoms=3, starts=1), seed=50 + seed)
+    short = dataclasses.replace(settings, iterations=1, randoms=3, starts=1)
+    random = excite(panda, short, seed=50 + seed)
     return {
         "optimised series": (panda, motion.state(t)),
         AT_ONCE: (panda, motion.state(t)),
@@ -73,7 +66,7 @@ def recordings(motion: Any, settings: Any, seed: int) -> dict[str, tuple[Arm, An
 def simulated(motion: Any, settings: Any, seeds: int) -> dict[str, list[Row]]:
     """Return by recording and seed: errors of torque on another motion [N·m], masses, coverage."""
     rows: dict[str, list[Row]] = {}
-    short = settings.replace(iterations=1, randoms=3)
+    short = dataclasses.replace(settings, iterations=1, randoms=3)
     t = np.arange(0, 10, 0.02)
     other = {x: excite(x, short, seed=99).state(t) for x in ("panda", "iiwa7")}
     for seed in range(seeds):

@@ -81,7 +81,6 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
     """Fit the nested models, or go on with them; write their page."""
     from benchmarks.thesis.nested_models import fit, models, page
 
-    fit.optimiser()  # before anything is written
     settings = {"dither_fit": Path(fit.__file__).with_name("dither_fit.toml")}
     folder = common.output_folder(args, GAP, settings, resumable=True)
     seeds = [args.seed + k for k in models.SEEDS]

@@ -143,7 +143,7 @@ def diagnose(
             raise unknown("option", name, DEFAULTS)
     more: LogOptions = {**DEFAULTS, **options}
     torque_side(more["torque"], ())  # report an invalid side first
-    kind = _kind(logs, more["drive"], naming_of(None, more))
+    kind = kind_of(logs, more["drive"], naming_of(None, more))
     nominal = more["nominal"]
     if nominal is None:
         nominal = default_nominal(logs, robot, more["chain"])
@@ -332,7 +332,7 @@ def _listed(logs: Log | Sequence[Log]) -> list[Log]:
     return [logs] if isinstance(logs, str | Path | RobotLog) else list(logs)
 
 
-def _kind(data: Sequence[Log], drive: str | None, naming: Naming) -> str:
+def kind_of(data: Sequence[Log], drive: str | None, naming: Naming) -> str:
     """Return the kind of data: `TABLES`, `SERVO_LOGS` or `JOINT_LOGS`.
 
     Raises:

@@ -169,6 +169,23 @@ def diagnose_logs(
         baseline.torque_unit,
     )
     signals = replace(signals, sessions=sessions(read, baseline.sessions))
+    return diagnose_signals(read, signals, arm, baseline, torque, causes, seed, say)
+
+
+def diagnose_signals(
+    read: Sequence[JointLog],
+    signals: Signals,
+    arm: Arm,
+    baseline: Nominal,
+    torque: str,
+    causes: Sequence[Cause],
+    seed: int,
+    say: Callable[[str, float], None] = lambda *_: None,
+) -> Diagnosis:
+    """Name what a nominal model gets wrong about signals whose torques were corrected.
+
+    Arguments are as of `diagnose_logs`; the logs ``read`` need not be there.
+    """
     say("inverse dynamics", 0.0)
     compare = partial(
         assemble,
@@ -213,7 +230,7 @@ def _gains(judged: Judged) -> tuple[Array, NDArray[np.bool_]]:
 def _conclude(
     baseline: Nominal,
     base: Data,
-    logs: list[JointLog],
+    logs: Sequence[JointLog],
     signals: Signals,
     judged: Judged,
     seed: int,

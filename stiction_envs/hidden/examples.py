@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import sys
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -60,8 +59,8 @@ def write_example(name: str, folder: Path) -> None:
     write_text_atomic(folder / "hidden.json", (SHIPPED / "panda.json").read_text("utf-8"))
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code: 0 done, 2 bad input."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command; bad input ends it with 2."""
     parser = argparse.ArgumentParser(
         prog="python -m stiction_envs.hidden.examples",
         description="Write simulated logs of an arm that a simulation gets wrong.",
@@ -74,11 +73,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         write_example(args.name, args.folder)
     except StictionError as error:
-        print(f"{parser.prog}: {error}", file=sys.stderr)
-        return 2
+        parser.error(str(error))
     print(f"written to {args.folder}; the truth is in hidden.json")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

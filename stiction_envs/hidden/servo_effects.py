@@ -38,8 +38,6 @@ class ServoJoint:
     """Largest along the log [rad/s]."""
     inertia: float
     """Usual [kg·m²]."""
-    above: float
-    """Angle between the top of its motion and where it mostly is [rad]."""
 
     def __getitem__(self, name: str) -> float:
         """Return a parameter by its name."""
@@ -113,18 +111,10 @@ def _extra_stiction(joint: ServoJoint, size: float) -> float:
     return law["stiction"] * law["drop"]
 
 
-def _nothing(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {}
-
-
-def _effect(
-    name: str, what_to_record: str, size: tuple[str, str] | None = None, **rest: Any
-) -> ServoEffect:
-    """Return an effect; its ``size`` is called, with its unit, as its cause's first parameter."""
-    if size is None:
-        first = servo_cause(name).parameters[0]
-        size = first.name, first.unit
-    return ServoEffect(name, *size, what_to_record, **rest)
+def _effect(name: str, what_to_record: str, **rest: Any) -> ServoEffect:
+    """Return an effect whose size is called, with its unit, as its cause's first parameter."""
+    first = servo_cause(name).parameters[0]
+    return ServoEffect(name, first.name, first.unit, what_to_record, **rest)
 
 
 _FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
@@ -136,7 +126,6 @@ _FAST = "fast and large waves"
 _ALL_JOINTS = "slow motion of all joints through poses of large gravity"
 _BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
 _REVERSALS = "many slow reversals of a few mrad to some tens of mrad"
-_CURRENT = "motion whose ends differ, with the current logged"
 _LAG, _DRY = (ServoLag.name,), ("coulomb_friction",)
 _EFFECTS = (
     _effect(
@@ -223,7 +212,7 @@ _EFFECTS = (
     _effect(
         *("payload", _ALL_JOINTS),
         arm_wide=True,
-        law=_nothing,  # the arm is another
+        law=lambda joint, size: {},  # the arm is another
         largest=20.0,
     ),
     _effect(
@@ -240,12 +229,6 @@ _EFFECTS = (
         largest=1.0,
         usual=lambda joint: 0.5,
         under_gravity=True,
-    ),
-    _effect(
-        *("external_contact", _CURRENT, ("depth_rad", "rad")),
-        law=_nothing,  # the angle stops at a wall, so far below the top of its motion
-        shown_as=lambda joint, size: min(size, joint.above),
-        largest=1.0,
     ),
 )
 EFFECTS = {effect.name: effect for effect in _EFFECTS}

@@ -113,7 +113,6 @@ def hide(
             torque=gravity[j] + stiffness[j] * 0.05,
             speed=speed[j],
             inertia=inertia[j],
-            above=0.0,
         )
         parameters[j] = effect.changed(joint, effect.usual(joint))
         hidden.append((cause, j + 1))

@@ -190,8 +190,6 @@ class TorqueEffect:
 
     value: Callable[[World, int, float], float] = lambda w, j, size: size
     """The value of a size ≥ 0, with which the torque grows; without size there is none."""
-    start: float = 0.01
-    """A small size, from which the first one is found."""
     largest: float = np.inf
     """Largest size to try: more is obvious; assumed."""
     expected: tuple[str, ...] = ()
@@ -251,7 +249,6 @@ EFFECTS = {
         lambda w, d: d.between(3e-3, 2e-2),
         ("reversals",),
         value=lambda w, j, size: w.distance[j] + size,
-        start=1e-3,
         largest=0.1,
         expected=DRY,
     ),
@@ -317,14 +314,12 @@ EFFECTS = {
         lambda w, d: d.between(0.01, 0.1),
         ("fourier", "poses"),
         arm_wide=True,
-        start=1e-3,
         largest=0.3,
     ),
     "link_inertia": TorqueEffect(
         sets("armature", "armature_kgm2"),
         lambda w, d: (d.sign if w.rotor[d.joint] else 1.0) * d.between(0.3, 0.7) * ROTOR[d.joint],
         ("fast", "chirp"),
-        start=1e-3,
     ),
     "joint_elasticity": TorqueEffect(
         _elasticity,
@@ -333,7 +328,6 @@ EFFECTS = {
         joints=(1, 2, 3, 4),
         needs_friction=True,
         value=lambda w, j, size: 1 / max(size, 1e-9),
-        start=1e-4,
         largest=1 / 300,
     ),
     "actuator_delay": TorqueEffect(
@@ -341,7 +335,6 @@ EFFECTS = {
         lambda w, d: d.between(4e-3, 3e-2),
         ("fast", "chirp"),
         arm_wide=True,
-        start=1e-3,
         largest=0.1,
     ),
     "encoder_offset": TorqueEffect(
@@ -350,7 +343,6 @@ EFFECTS = {
         ("fourier", "poses", "fast"),
         # joint 1 turns about the vertical, and what joint 7 carries is about its axis
         joints=(2, 3, 4, 5, 6),
-        start=1e-3,
         largest=0.2,
     ),
     "gravity_compensation_missing": TorqueEffect(

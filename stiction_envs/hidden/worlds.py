@@ -37,9 +37,27 @@ ONE: Any = 1.0
 
 
 @dataclass(kw_only=True)
-class _JointProperties:
-    """Properties of the joints, (n, ...); one value stands for all joints."""
+class World:
+    """An arm before it is simulated; arrays (n, ...) are of joints, one value is that of all."""
 
+    rigid: Arm = field(default_factory=lambda: load_arm("panda"))
+    """Links as they are, before hidden causes."""
+    seconds: float = 1.0
+    """Length of the log [s]."""
+    payload: tuple[float, Array] | None = None
+    """Mass [kg] and centre of mass [m]."""
+    phantom: tuple[float, Array] | None = None
+    """Mass [kg] and centre [m] of a payload that the makers know and the robot lacks."""
+    links: dict[int, tuple[float, Array]] = field(default_factory=dict)
+    """By link (from 1): mass [kg] and centre of mass [m] beyond what the makers know."""
+    tilt: tuple[float, float] = (0.0, 0.0)
+    """Lean and azimuth [rad]."""
+    soft: tuple[int, float] | None = None
+    """Joint (from 0) and stiffness [N·m/rad]."""
+    delay: float = 0.0
+    """[s]."""
+    gravity_missing: float = 0.0
+    """Share of the makers' gravity torque that the logged torques lack [-]."""
     middle: Array = field(default_factory=CENTRE.copy)
     """Usual angle [rad]; by default that of the simulated motions."""
     coulomb: Array = ZERO
@@ -71,32 +89,8 @@ class _JointProperties:
     zero: Array = ZERO
     """Reading of each joint less its angle [rad]."""
 
-
-@dataclass(kw_only=True)
-class World(_JointProperties):
-    """An arm before it is simulated."""
-
-    rigid: Arm = field(default_factory=lambda: load_arm("panda"))
-    """Links as they are, before hidden causes."""
-    seconds: float = 1.0
-    """Length of the log [s]."""
-    payload: tuple[float, Array] | None = None
-    """Mass [kg] and centre of mass [m]."""
-    phantom: tuple[float, Array] | None = None
-    """Mass [kg] and centre [m] of a payload that the makers know and the robot lacks."""
-    links: dict[int, tuple[float, Array]] = field(default_factory=dict)
-    """By link (from 1): mass [kg] and centre of mass [m] beyond what the makers know."""
-    tilt: tuple[float, float] = (0.0, 0.0)
-    """Lean and azimuth [rad]."""
-    soft: tuple[int, float] | None = None
-    """Joint (from 0) and stiffness [N·m/rad]."""
-    delay: float = 0.0
-    """[s]."""
-    gravity_missing: float = 0.0
-    """Share of the makers' gravity torque that the logged torques lack [-]."""
-
     def __post_init__(self) -> None:
-        for name in (f.name for f in fields(_JointProperties)):
+        for name in (f.name for f in fields(self) if f.type == "Array"):
             value = np.atleast_1d(np.asarray(getattr(self, name), np.float64))
             if len(value) != self.rigid.n:
                 setattr(self, name, np.repeat(value, self.rigid.n, axis=0))

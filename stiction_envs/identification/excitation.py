@@ -19,6 +19,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,7 @@ import numpy as np
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, checked_array
 from stiction_envs.friction.sticking import Robot, arm_of
-from stiction_envs.identification.excitation_limits import acceleration_limits, used
+from stiction_envs.identification.excitation_limits import acceleration_limits
 from stiction_envs.identification.excitation_motion import FourierSeries, State, Sweeps, sweeps_from
 from stiction_envs.identification.excitation_search import FINE, ExcitationProblem, search
 from stiction_envs.identification.settings import ExcitationSettings, excitation_settings
@@ -191,7 +192,7 @@ def excite(
     checked_array(rate, "rate", (), above=0, unit="Hz")
     s = override(excitation_settings(), settings)
     rng = np.random.default_rng(seed)
-    problem = ExcitationProblem(arm, s, rng)
+    problem = ExcitationProblem(arm, s)
     points, conditions = [], []
     for k in range(max(s.randoms, s.starts)):
         points.append(problem.random(rng))
@@ -199,16 +200,13 @@ def excite(
         conditions.append(problem.condition(state))
         say("random motions", (k + 1) / max(s.randoms, s.starts))
     order = np.argsort(conditions)
-    done, best = 0, (points[order[0]], conditions[order[0]])
-    total = s.starts * s.iterations
-
-    def count() -> None:
-        nonlocal done
-        done += 1
-        say("search", min(1.0, done / total))
-
+    best, done = (points[order[0]], conditions[order[0]]), count(1)
     for start in order[: s.starts]:
-        found = search(problem, points[start], count)
+        found = search(
+            problem,
+            points[start],
+            lambda: say("search", min(1.0, next(done) / (s.starts * s.iterations))),
+        )
         if found is not None and found[1] < best[1]:
             best = found
     say("search", 1.0)
@@ -240,7 +238,7 @@ def excite(
         condition_si=problem.condition(fine, scaled=False),
         random_condition=np.array(conditions),
         columns=problem.base.expressions(),
-        used=used(check, problem.torque(check), problem.bounds),
+        used=problem.used(check),
         clearance=float(problem.clearance.least(check[0], max(0.5, 2 * s.clearance)).min()),
         notes=tuple(notes),
         rate_hz=rate,

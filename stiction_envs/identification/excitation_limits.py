@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.identification.excitation_motion import State
 from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import ARMS, Arm
 from stiction_envs.robots.arm_toml import lookup, per_joint
@@ -86,9 +85,9 @@ class Clearance:
         self.data = mujoco.MjData(self.model)
         self._touching: set[Pair] = set()
         at_rest = self._distances(arm.rest, NEAR)
-        self._touching |= {pair for pair, (d, _) in at_rest.items() if d <= TOUCHING}
+        self._touching |= {pair for pair, d in at_rest.items() if d <= TOUCHING}
         # neighbours keep half of their distance at rest
-        near = {p: d for p, (d, _) in at_rest.items() if TOUCHING < d < settings.clearance}
+        near = {p: d for p, d in at_rest.items() if TOUCHING < d < settings.clearance}
         self._allowed = {p: settings.clearance - d / 2 for p, d in near.items()}
         self.notes = [
             f"{self._link(i)} and {self._link(j)} are {1e3 * near[i, j]:.0f} mm apart at rest: "
@@ -99,63 +98,29 @@ class Clearance:
     def _link(self, geometry: int) -> str:
         return str(self.model.body(int(self.model.geom_bodyid[geometry])).name)
 
-    def _distances(self, q: Array, most: float) -> dict[Pair, tuple[float, int]]:
-        """Return distances [m] below ``most`` at a pose (n,), and the contacts that show them."""
+    def _distances(self, q: Array, most: float) -> dict[Pair, float]:
+        """Return distances [m] below ``most`` at a pose (n,)."""
         self.model.geom_margin[:] = self.model.body_margin[:] = most
         self.data.qpos[:] = q
         mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)  # Jacobians need it
         mujoco.mj_collision(self.model, self.data)
-        found: dict[Pair, tuple[float, int]] = {}
+        found: dict[Pair, float] = {}
         contacts = self.data.contact
-        for k, ((i, j), d) in enumerate(zip(contacts.geom, contacts.dist, strict=True)):
+        for (i, j), d in zip(contacts.geom, contacts.dist, strict=True):
             pair = min(i, j), max(i, j)
-            if d < found.get(pair, (most, 0))[0] and pair not in self._touching:
-                found[pair] = float(d), k
+            if d < found.get(pair, most) and pair not in self._touching:
+                found[pair] = float(d)
         return found
 
     def least(self, q: Array, most: float = 0.5) -> Array:
         """Return (T,) least distance at poses (T, n) [m], at most ``most``."""
-        every = (self._distances(pose, most).values() for pose in q)
-        return np.array([min((d for d, _ in found), default=most) for found in every])
+        return np.array([min(self._distances(x, most).values(), default=most) for x in q])
 
-    def keeps(self, q: Array, wanted: float) -> bool:
-        """Return whether all links keep a distance [m] at poses (T, n); neighbours keep less."""
-        return all(
-            d + self._allowed.get(pair, 0.0) >= wanted
-            for pose in q
-            for pair, (d, _) in self._distances(pose, wanted).items()
-        )
+    def shortfall(self, q: Array, wanted: float) -> float:
+        """Return Σ of (1 − d/wanted)² over poses (T, n) and pairs whose distance d is short [m].
 
-    def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
-        """Return Σ over poses and pairs of (1 − d/wanted)² where d < wanted, and its gradient.
-
-        Poses are (T, n) [rad], ``wanted`` is the distance to keep [m]; the gradient is (T, n)
-        [1/rad].
+        Neighbours keep less.
         """
-        total, gradient = 0.0, np.zeros_like(q)
-        one, two = np.zeros((2, 3, self.model.nv))
-        for row, pose in zip(gradient, q, strict=True):
-            for pair, (d, k) in self._distances(pose, wanted).items():
-                short = 1 - (d + self._allowed.get(pair, 0.0)) / wanted
-                if short <= 0:
-                    continue
-                total += short**2
-                contact = self.data.contact
-                for jacobian, geometry in zip((one, two), contact.geom[k], strict=True):
-                    body = self.model.geom_bodyid[geometry]
-                    mujoco.mj_jac(self.model, self.data, jacobian, None, contact.pos[k], body)
-                row -= 2 * short / wanted * (contact.frame[k, :3] @ (two - one))
-        return total, gradient
-
-
-def used(state: State, torque: Array, bounds: MotionBounds) -> dict[str, float]:
-    """Return the largest part of each limit that a motion uses, margins included [-]."""
-    q, dq, ddq = state
-    half = (bounds.high - bounds.low) / 2
-    return {
-        "position": float(np.max(np.abs(q - bounds.low - half) / half)),
-        "velocity": float(np.max(np.abs(dq) / bounds.velocity)),
-        "acceleration": float(np.max(np.abs(ddq) / bounds.acceleration)),
-        "torque": float(np.max(np.abs(torque) / bounds.torque)),
-    }
+        distances = (x for pose in q for x in self._distances(pose, wanted).items())
+        short = (1 - (d + self._allowed.get(pair, 0.0)) / wanted for pair, d in distances)
+        return sum(x**2 for x in short if x > 0)

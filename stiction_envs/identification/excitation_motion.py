@@ -6,6 +6,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import BPoly
 from scipy.linalg import null_space
 
 from stiction_envs.arrays import Array
@@ -68,49 +69,18 @@ def fourier_basis(t: Array, base_frequency: float, harmonics: int) -> State:
     return np.hstack([s / w, -c / w]), np.hstack([c, s]), np.hstack([-w * s, w * c])
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Sweeps:
     """Slow motions there and back at constant speeds, with rests between; all joints together."""
 
-    start: Array
-    """(n,) pose at the beginning and the end [rad]."""
-    span: Array
-    """(W, n) signed angle of each sweep [rad]."""
-    speed: Array
-    """(W, n) cruising speed, without sign [rad/s]."""
-
-    @property
-    def durations(self) -> Array:
-        """(W,) of each sweep with its pause [s]: that of its slowest joint."""
-        own = np.abs(self.span) / self.speed + RISE
-        return np.asarray(own.max(axis=1) + PAUSE)
-
-    @property
-    def duration(self) -> float:
-        """Duration of all sweeps [s]."""
-        return float(self.durations.sum())
+    paths: tuple[BPoly, ...]
+    """Angle of each joint over time [rad]."""
+    duration: float
+    """[s]."""
 
     def state(self, t: Array) -> State:
         """Return q, dq, ddq, (T, n) each, at times (T,)."""
-        q = np.tile(self.start, (len(t), 1))
-        dq, ddq = np.zeros_like(q), np.zeros_like(q)
-        begin = 0.0
-        for span, speed, seconds in zip(self.span, self.speed, self.durations, strict=True):
-            done = np.abs(span) / speed + RISE  # of each joint
-            x = np.clip(t[:, None] - begin, 0.0, done)
-            up, down = np.minimum(x, RISE), np.clip(x - (done - RISE), 0.0, RISE)
-            v = speed * np.sign(span)
-            # speed rises as 3s² − 2s³, so that the acceleration begins and ends at zero
-            su, sd = up / RISE, down / RISE
-            flat = np.clip(x - RISE, 0.0, None)
-            q += v * (RISE * (su**3 - su**4 / 2) + flat)
-            q -= v * RISE * (sd**3 - sd**4 / 2)
-            moving = (x > 0) & (x < done)
-            rate = (su**2 * (3 - 2 * su)) - (sd**2 * (3 - 2 * sd))
-            dq += np.where(moving, v * rate, 0.0)
-            slope = (6 * su * (1 - su) - 6 * sd * (1 - sd)) / RISE
-            ddq += np.where(moving, v * slope, 0.0)
-            begin += float(seconds)
+        q, dq, ddq = (np.stack([x(t, nu) for x in self.paths], axis=1) for nu in range(3))
         return q, dq, ddq
 
 
@@ -125,10 +95,22 @@ def sweeps_from(
     if side is None:
         side = np.where(start > (low + high) / 2, -1.0, 1.0)
     room = np.where(side > 0, high - start, start - low)
-    spans, speeds = [], []
+    knots: list[dict[float, list[float]]] = [{0.0: [q, 0.0, 0.0]} for q in start]
+    begin = 0.0
     for speed in SPEEDS:
         span = np.minimum(part * min(SPAN, speed * SECONDS), room)
-        least = np.maximum(span, speed * RISE)  # shorter ones never reach the speed
-        spans += [side * least, -side * least]
-        speeds += [np.full_like(start, speed)] * 2
-    return Sweeps(start=start, span=np.array(spans), speed=np.array(speeds))
+        span = np.maximum(span, speed * RISE)  # shorter ones never reach the speed
+        done = span / speed + RISE  # of each joint
+        for way, origin in ((side, start), (-side, start + side * span)):
+            for mine, at, to, v, seconds in zip(
+                knots, origin, origin + way * span, way * speed, done, strict=True
+            ):
+                mine[begin] = [at, 0.0, 0.0]
+                mine[begin + RISE] = [at + v * RISE / 2, v, 0.0]
+                mine[max(begin + seconds - RISE, begin + RISE)] = [to - v * RISE / 2, v, 0.0]
+                mine[begin + seconds] = [to, 0.0, 0.0]
+            begin += float(done.max()) + PAUSE
+    for mine, at in zip(knots, start, strict=True):
+        mine[begin] = [at, 0.0, 0.0]
+    # the acceleration begins and ends at zero
+    return Sweeps(tuple(BPoly.from_derivatives(list(x), list(x.values())) for x in knots), begin)

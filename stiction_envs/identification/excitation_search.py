@@ -2,12 +2,9 @@
 
 Rows of the regressor are divided by the joints' torque limits, columns by their size over states
 drawn from the whole allowed range: a parameter that a motion hardly excites is then a small column,
-and not hidden by the motion's own scale. What is minimised is smooth, log κ_p with
-
-    κ_p² = ‖λ‖_p ‖1/λ‖_p,  λ eigenvalues of WᵀW,  p = 2,
-
-which lies above the condition number κ = √(λ_max/λ_min) by a bounded factor. Limits are penalties
-that grow from round to round; a motion that still breaks one in the end is made smaller.
+and not hidden by the motion's own scale. CMA-ES minimises the condition number's logarithm, with
+penalties for limits that are broken; a motion that still breaks one in the end is made smaller (N.
+Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", 2001).
 """
 
 from __future__ import annotations
@@ -15,36 +12,26 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import minimize
-from scipy.special import logsumexp, softmax
+from cmaes import CMA
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
-from stiction_envs.gap.signals.rigid_body import gravity_torque
-from stiction_envs.identification.excitation_limits import Clearance, MotionBounds, bounds_of, used
+from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
+from stiction_envs.identification.excitation_limits import Clearance, MotionBounds, bounds_of
 from stiction_envs.identification.excitation_motion import (
     FourierSeries,
     State,
-    fourier_basis,
     rest_basis,
 )
 from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import Arm
-from stiction_envs.robots.regressor import (
-    base_set,
-    inertial_names,
-    inertial_parameters,
-    torque_regressor,
-)
+from stiction_envs.robots.regressor import columns_of, structural_base
 
-POWER = 2.0  # p of the smooth condition number [-]; assumed
-PENALTIES = (1e1, 1e3, 1e5)  # weights of the penalties, one search after the other [-]; assumed
+PENALTY = 10.0  # weight of a limit broken by all of itself, over log κ [-]; assumed
+STEP = 0.05  # first step of the search, over ranges and speed limits [-]; assumed
 TIGHT = 0.98
 """Part of each limit at which the penalty begins, so that the end stays inside [-]; assumed."""
-DIFFERENCE = 1e-6  # step of the regressor's finite differences [rad, rad/s, rad/s²]; assumed
-STATES = 300
-"""Random states from which base parameters and the columns' sizes are taken, and poses that are
-tried where the one at rest cannot be held; assumed."""
+STATES = 300  # poses that are tried where the one at rest cannot be held; assumed
 TRIES = 400  # random motions that are tried before the search fails; assumed
 EASY = 0.8
 """Part of the usable torque that a pose may need to take the place of one at rest [-]; assumed."""
@@ -61,60 +48,35 @@ FINE = 400  # per period in the check of the result; assumed
 class ExcitationProblem:
     """One arm's regressor and limits."""
 
-    def __init__(self, arm: Arm, settings: ExcitationSettings, rng: np.random.Generator) -> None:
-        """Find base parameters and scales from random states."""
+    def __init__(self, arm: Arm, settings: ExcitationSettings) -> None:
+        """Find base parameters and the sizes of their columns."""
         self.arm, self.settings = arm, settings
         self.bounds: MotionBounds = bounds_of(arm, settings)
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
-        self.phi = inertial_parameters(self.model).ravel()
         carries = bool(arm.stated.gravcomp)
         self.carried = arm.pinocchio(compensated=True) if carries else None
-        n, b = arm.n, self.bounds
-        q = rng.uniform(b.low, b.high, (STATES, n))
-        dq = rng.uniform(-1, 1, (STATES, n)) * b.velocity
-        ddq = rng.uniform(-1, 1, (STATES, n)) * b.acceleration
-        friction = [f"{name}{j}" for j in range(1, n + 1) for name in ("Fc", "Fv", "offset")]
-        names = (*inertial_names(n), *friction)
-        whole = self._whole(q, dq, ddq)
-        self.base = base_set(whole.reshape(-1, whole.shape[-1]), names)
-        picked = whole[:, :, self.base.kept] / arm.limits.torque[:, None]
-        self.size = np.sqrt(np.mean(np.square(picked), axis=(0, 1)))
+        self.base, self.size = structural_base(arm, ("Fc", "Fv", "offset"))
         self.basis = rest_basis(settings.harmonics)
-        t = np.arange(SAMPLES) / SAMPLES * settings.period
-        kinds = fourier_basis(t, settings.base_frequency, settings.harmonics)
-        self.p, self.v, self.a = (x @ self.basis for x in kinds)
-        self.fine = np.arange(FINE) / FINE * settings.period
+        self.coarse, self.fine = (np.arange(x) / x * settings.period for x in (SAMPLES, FINE))
         self._home: Array | None = None
         """(n,) where small motions fit if they do not about the pose at rest [rad]."""
 
-    def _whole(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return (T, n, 13 n) columns of links, then of friction joint by joint."""
-        n = self.arm.n
-        friction = np.zeros((len(q), n, n, 3))
-        j = np.arange(n)
-        friction[:, j, j, 0] = np.tanh(dq / SIGN_SPEED)
-        friction[:, j, j, 1] = dq
-        friction[:, j, j, 2] = 1.0
-        links = torque_regressor(self.model, q, dq, ddq)
-        return np.concatenate([links, friction.reshape(len(q), n, 3 * n)], axis=2)
-
     def condition(self, state: State, *, scaled: bool = True) -> float:
         """Return the condition number of the scaled regressor, or as it is in SI units."""
-        whole = self._whole(*state)[:, :, self.base.kept]
+        dq = state[1]
+        own = np.stack([np.tanh(dq / SIGN_SPEED), dq, np.ones_like(dq)], axis=2)
+        columns = columns_of(self.model, *state, own)[:, :, self.base.kept]
         if scaled:
-            whole = whole / self.arm.limits.torque[:, None] / self.size
-        return float(np.linalg.cond(whole.reshape(-1, self.base.size)))
+            columns = columns / self.arm.limits.torque[:, None] / self.size
+        return float(np.linalg.cond(columns.reshape(-1, self.base.size)))
 
     def torque(self, state: State) -> Array:
         """Return (T, n) torque of the arm, rotors and springs of its file included [N·m]."""
-        links = torque_regressor(self.model, *state) @ self.phi
-        return np.asarray(links + self._stated(*state))
-
-    def _stated(self, q: Array, _: Array, ddq: Array) -> Array:
-        """Return (T, n) torque of rotors, springs and gravity compensation [N·m]."""
+        q, _, ddq = state
         s = self.arm.stated
-        out = s.armature * ddq + s.stiffness * (q - s.springref)
+        out = inverse_dynamics(self.model, *state) + s.armature * ddq
+        out = out + s.stiffness * (q - s.springref)
         return out if self.carried is None else out - gravity_torque(self.carried, q)
 
     def series(self, x: Array) -> FourierSeries:
@@ -128,16 +90,22 @@ class ExcitationProblem:
             cosine=both[:, k:],
         )
 
-    def _state(self, x: Array) -> State:
-        n = self.arm.n
-        c = x[n:].reshape(n, -1).T
-        return x[:n] + self.p @ c, self.v @ c, self.a @ c
+    def used(self, state: State) -> dict[str, float]:
+        """Return the largest part of each limit that a motion uses, margins included [-]."""
+        (q, dq, ddq), b = state, self.bounds
+        half = (b.high - b.low) / 2
+        return {
+            "position": float(np.max(np.abs(q - b.low - half) / half)),
+            "velocity": float(np.max(np.abs(dq) / b.velocity)),
+            "acceleration": float(np.max(np.abs(ddq) / b.acceleration)),
+            "torque": float(np.max(np.abs(self.torque(state)) / b.torque)),
+        }
 
     def inside(self, state: State) -> bool:
         """Return whether a motion keeps every limit and distance."""
-        if max(used(state, self.torque(state), self.bounds).values()) > 1.0:
+        if max(self.used(state).values()) > 1.0:
             return False
-        return self.clearance.keeps(state[0], self.settings.clearance)
+        return self.clearance.shortfall(state[0], self.settings.clearance) == 0.0
 
     def random(self, rng: np.random.Generator) -> Array:
         """Return a random point inside all limits, or raise an ExperimentError."""
@@ -150,9 +118,8 @@ class ExcitationProblem:
         b = self.bounds
         still = np.clip(self.arm.rest, b.low, b.high)[None]
         rest = still, np.zeros_like(still), np.zeros_like(still)
-        over = {k: x for k, x in used(rest, self.torque(rest), b).items() if x > 1}
-        if over:
-            name, most = max(over.items(), key=lambda item: item[1])
+        name, most = max(self.used(rest).items(), key=lambda item: item[1])
+        if most > 1:
             raise ExperimentError(
                 f"{self.arm.name}: at rest the {name} is {most:.2f} of what may be used of its "
                 "limit: give it another rest pose, or limits that it can be held with"
@@ -181,7 +148,8 @@ class ExcitationProblem:
         n, b = self.arm.n, self.bounds
         for trial in range(TRIES):
             c = rng.normal(size=(n, self.basis.shape[1]))
-            q, dq, ddq = self.p @ c.T, self.v @ c.T, self.a @ c.T
+            about_zero = self.series(np.concatenate([np.zeros(n), c.ravel()]))
+            q, dq, ddq = about_zero.state(self.coarse)
             reach = np.ptp(q, axis=0)
             late = max(0.0, 2 * trial / TRIES - 1)
             part = rng.uniform(0.3, 0.95, n) * (1 - 0.8 * trial / TRIES) * (1 - 0.95 * late)
@@ -199,7 +167,8 @@ class ExcitationProblem:
             # in the end small ones
             middle += late * (np.clip(home, low, high) - middle)
             x = np.concatenate([middle, (scale[:, None] * c).ravel()])
-            if self.inside(self._state(x)) and self.inside(self.series(x).state(self.fine)):
+            series = self.series(x)
+            if all(self.inside(series.state(t)) for t in (self.coarse, self.fine)):
                 return x
         return None
 
@@ -212,87 +181,27 @@ class ExcitationProblem:
             out[self.arm.n :] *= SHRINK
         return None
 
-    def value(self, x: Array, weight: float) -> tuple[float, Array]:
-        """Return the smooth log condition number with penalties, and its gradient."""
-        n = self.arm.n
-        state = self._state(x)
-        whole = self._whole(*state)
-        scale = 1.0 / (self.arm.limits.torque[:, None] * self.size)
-        w = whole[:, :, self.base.kept] * scale
-        flat = w.reshape(-1, self.base.size)
-        value, inner = smooth_condition(flat, POWER)
-        # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ + stated
-        outer = np.zeros_like(whole)
-        outer[:, :, self.base.kept] = inner.reshape(w.shape) * scale
-        stated = self._stated(*state)
-        torque = whole[:, :, : 10 * n] @ self.phi + stated
-        limit = TIGHT * self.bounds.torque
-        over = np.maximum(np.abs(torque) / limit - 1, 0.0)
-        value += weight * float(np.sum(over**2)) / SAMPLES
-        slope = weight * 2 * over * np.sign(torque) / limit / SAMPLES
-        outer[:, :, : 10 * n] += slope[:, :, None] * self.phi
-
-        along = [np.empty_like(state[0]) for _ in range(3)]
-        for kind in range(3):
-            for j in range(n):
-                moved = [y.copy() if i == kind else y for i, y in enumerate(state)]
-                moved[kind][:, j] += DIFFERENCE
-                change = (self._whole(*moved) - whole) / DIFFERENCE
-                along[kind][:, j] = np.einsum("tij,tij->t", outer, change)
-                change = (self._stated(*moved) - stated) / DIFFERENCE
-                along[kind][:, j] += np.einsum("tj,tj->t", slope, change)
-        more, pushes = self._penalties(state, weight)
-        value += more
-        gq, gv, ga = (g + push for g, push in zip(along, pushes, strict=True))
-        series = self.p.T @ gq + self.v.T @ gv + self.a.T @ ga
-        return value, np.concatenate([gq.sum(axis=0), series.T.ravel()])
-
-    def _penalties(self, state: State, weight: float) -> tuple[float, tuple[Array, Array, Array]]:
-        q, dq, ddq = state
-        b, share = self.bounds, weight / SAMPLES
-        half, middle = (b.high - b.low) / 2, (b.high + b.low) / 2
-        value = 0.0
-        out = []
-        for x, limit in ((q - middle, half), (dq, b.velocity), (ddq, b.acceleration)):
-            most = TIGHT * limit
-            over = np.maximum(np.abs(x) / most - 1, 0.0)
-            value += share * float(np.sum(over**2))
-            out.append(share * 2 * over * np.sign(x) / most)
-        short, gradient = self.clearance.shortfall(q, self.settings.clearance / TIGHT + 0.01)
-        value += share * short
-        out[0] = out[0] + share * gradient
-        return value, (out[0], out[1], out[2])
-
-
-def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
-    """Return log κ_p of a matrix (R, r), and its gradient (R, r)."""
-    values, vectors = np.linalg.eigh(w.T @ w)
-    log = np.log(np.maximum(values, 1e-14 * values[-1]))
-    out = (logsumexp(power * log) + logsumexp(-power * log)) / (2 * power)
-    part = (softmax(power * log) - softmax(-power * log)) / np.exp(log) / 2
-    return float(out), 2 * w @ ((vectors * part) @ vectors.T)
+    def cost(self, x: Array) -> float:
+        """Return log κ of a point, and penalties where it breaks a limit or comes too near."""
+        state = self.series(x).state(self.coarse)
+        over = sum(max(0.0, part / TIGHT - 1) for part in self.used(state).values())
+        short = self.clearance.shortfall(state[0], self.settings.clearance / TIGHT + 0.01)
+        return float(np.log(self.condition(state)) + PENALTY * (over + short / SAMPLES))
 
 
 def search(
-    problem: ExcitationProblem, x: Array, progress: Callable[[], None] = lambda: None
+    problem: ExcitationProblem, x: Array, progress: Callable[[], None]
 ) -> tuple[Array, float] | None:
-    """Return the best point found inside all limits from ``x``, and its condition number."""
-    best: tuple[Array, float] | None = None
-    each = -(-problem.settings.iterations // len(PENALTIES))
-    for weight in PENALTIES:
-        found = minimize(
-            problem.value,
-            x,
-            args=(weight,),
-            jac=True,
-            method="L-BFGS-B",
-            callback=lambda _: progress(),
-            options={"maxiter": each, "maxcor": 20, "maxls": 20},
-        )
-        x = found.x
-        inside = problem.fitted(x)
-        if inside is not None:
-            condition = problem.condition(problem.series(inside).state(problem.fine))
-            if best is None or condition < best[1]:
-                best = inside, condition
-    return best
+    """Return the point that CMA-ES reaches from ``x``, inside all limits, and its κ."""
+    b = problem.bounds
+    step = np.repeat(STEP * b.velocity, problem.basis.shape[1])
+    step = np.concatenate([STEP * (b.high - b.low), step])
+    optimizer = CMA(mean=np.zeros(len(x)), sigma=1.0, seed=1)
+    for _ in range(problem.settings.iterations):
+        drawn = [optimizer.ask() for _ in range(optimizer.population_size)]
+        optimizer.tell([(z, problem.cost(x + step * z)) for z in drawn])
+        progress()
+    inside = problem.fitted(x + step * optimizer.mean)
+    if inside is None:
+        return None
+    return inside, problem.condition(problem.series(inside).state(problem.fine))

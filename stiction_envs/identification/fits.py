@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pinocchio as pin
 
 from stiction_envs.arrays import Array
 from stiction_envs.gap.causes import TOLERANCES, Cause, Shape
@@ -29,18 +28,8 @@ from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import noise_floor, presliding_distances
 from stiction_envs.gap.signals.rigid_body import passive_torque
 from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
-from stiction_envs.robots import Arm
-from stiction_envs.robots.regressor import (
-    BaseSet,
-    base_set,
-    inertial_names,
-    inertial_parameters,
-    torque_regressor,
-)
+from stiction_envs.robots.regressor import columns_of, inertial_parameters
 
-SPEED_UP_TIME = 0.3  # time in which a joint usually comes to its speed limit [s]; assumed
-STATES_PER_JOINT = 40
-"""Random states, over all of the range, from which the base parameters are found; assumed."""
 UNKNOWN = 1e-7
 """Part of a parameter's information that is its own, apart from all others, below which it is
 rounding [-]; assumed."""
@@ -49,38 +38,6 @@ SCALES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 may be far off, and is never exact."""
 WIDE = 0.5
 """Standard deviation of a posterior over the prior's from which on logs do not show it [-]."""
-
-
-def columns_of(model: pin.Model, q: Array, dq: Array, ddq: Array, own: Array) -> Array:
-    """Return (T, n, 10 n + k n) torque per parameter: ten per link, then k per joint.
-
-    q, dq, ddq are (T, n) [rad, s]; ``own`` (T, n, k) is torque per parameter of a joint's own:
-    rotor, friction, offset.
-    """
-    joints = np.einsum("tjk,ji->tjki", own, np.eye(own.shape[1]))
-    links = torque_regressor(model, q, dq, ddq)
-    return np.concatenate([links, joints.reshape(*own.shape[:2], -1)], axis=2)
-
-
-def structural_base(arm: Arm, kinds: tuple[str, ...]) -> tuple[BaseSet, Array]:
-    """Return the base parameters that some motion excites, and (r,) the torque of one unit of each.
-
-    The torque is over its joint's limit, root mean square over states all over the range; ``kinds``
-    are parameters of each joint, a part of "rotor", "Fc", "Fv", "offset".
-    """
-    n, limits = arm.n, arm.limits
-    rows = STATES_PER_JOINT * n
-    rng = np.random.default_rng(0)
-    low, high = limits.position.T
-    q = rng.uniform(low, high, (rows, n))
-    dq = rng.uniform(-1, 1, (rows, n)) * limits.velocity
-    ddq = rng.uniform(-1, 1, (rows, n)) * limits.velocity / SPEED_UP_TIME
-    own = {"rotor": ddq, "Fc": np.sign(dq), "Fv": dq, "offset": np.ones_like(q)}
-    whole = columns_of(arm.pinocchio(), q, dq, ddq, np.stack([own[k] for k in kinds], axis=2))
-    names = (*inertial_names(n), *(f"{kind}{j}" for kind in kinds for j in range(1, n + 1)))
-    base = base_set(whole.reshape(-1, len(names)), names)
-    kept = whole[:, :, base.kept] / limits.torque[:, None]
-    return base, np.sqrt(np.square(kept).mean(axis=0).max(axis=0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

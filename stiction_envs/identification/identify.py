@@ -44,7 +44,12 @@ from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
+from stiction_envs.robots.regressor import (
+    PARAMETERS,
+    BaseSet,
+    pseudo_inertia,
+    structural_base,
+)
 from stiction_envs.robots.stated import WITHOUT_FRICTION
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
@@ -289,7 +294,7 @@ def identify(
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
     turned, signals = correct_sign(read, signals, arm)
     data = assemble(arm, signals, torque=side)
-    base, unit_torque = fits.structural_base(arm, fits.kinds_of(side))
+    base, unit_torque = structural_base(arm, fits.kinds_of(side))
     # neighbours within half a period of the filter depend on each other
     independent = np.nanmin([1.0, 2 * data.cutoff * data.dt])
     seen = int(data.n * np.count_nonzero(data.block >= 0) * independent)

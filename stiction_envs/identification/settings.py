@@ -37,7 +37,7 @@ class ExcitationSettings:
     starts: Count
     """Number of searches from different random motions."""
     iterations: Count
-    """Iterations of each search."""
+    """Generations of each search."""
     randoms: Count
     """Number of random motions for comparison."""
 

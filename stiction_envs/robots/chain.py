@@ -7,7 +7,8 @@ Their links keep mass and shape. Other trees of the world that can move are remo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
@@ -33,16 +34,28 @@ def chain_title(stem: str, chain: Chain | None) -> str:
     return "-".join("".join(c if c.isalnum() or c in "-_" else "_" for c in x) for x in names)
 
 
-def lock_other_joints(
-    spec: mujoco.MjSpec,
-    chain: Chain,
-    path: Path,
-    build: Callable[[mujoco.MjSpec, Path], mujoco.MjModel],
-) -> tuple[str, mujoco.MjModel]:
+def one_line(error: Exception) -> str:
+    """Return the text of an error."""
+    return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
+
+
+def compile_spec(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    """Return the model of a spec; errors name its file."""
+    try:
+        return spec.compile()
+    except ValueError as error:
+        text = one_line(error)
+        if "mass and inertia of moving bodies" in text:
+            found = re.search(r"name '([^']*)'", text)
+            link = found.group(1) if found else "?"
+            raise StictionError(f"{path}: moving link {link!r} has no mass or inertia") from None
+        raise StictionError(f"{path}: MuJoCo cannot build it: {text}") from None
+
+
+def lock_other_joints(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.MjModel]:
     """Lock every joint of a named ``spec`` that is not between base and tip, in place.
 
-    Return the name of the flange site, and the model before any joint was locked. ``build``
-    compiles a spec, or raises an error that names the file.
+    Return the name of the flange site, and the model before any joint was locked.
 
     Raises:
         StictionError: an unknown name, a tip that is not behind the base, or a joint between them
@@ -68,7 +81,7 @@ def lock_other_joints(
     for body in spec.bodies[1:]:
         if body.explicitinertial and body.name not in moved:
             _make_round(body)
-    model = build(spec, path)
+    model = compile_spec(spec, path)
     _lock(spec, model, kept)
     if chain[1] not in {site.name for site in spec.sites}:
         name = free_name("flange", {site.name for site in spec.sites})

@@ -64,23 +64,16 @@ def nearest_bodies(phi: Array, hessian: Array, nominal: Array) -> Array:
 
     ``phi`` (n, 10) are links that need not exist, ``hessian`` (10 n, 10 n) is H, and ``nominal``
     (n, 10) are links that give the units.
-    """
-    if consistent(phi).all():
-        return phi
-    n, wide = len(phi), block_diag(*_units(nominal))
-    inner = wide.T @ hessian @ wide
-    x = least_consistent(inner, inner @ np.linalg.solve(wide, phi.ravel()), n)
-    return np.asarray((wide @ x).reshape(n, 10))
-
-
-def least_consistent(hessian: Array, slope: Array, n: int) -> Array:
-    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist; x is their lower triangles.
-
-    ``hessian`` (10 n, 10 n) is positive definite, ``slope`` (10 n,) is h.
 
     Raises:
         StictionError: the solver finds none.
     """
+    if consistent(phi).all():
+        return phi
+    # x are the bodies' lower triangles, in which each is positive definite
+    n, wide = len(phi), block_diag(*_units(nominal))
+    inner = wide.T @ hessian @ wide
+    slope = inner @ np.linalg.solve(wide, phi.ravel())
     rows = -np.diag(np.tile(np.sqrt(_TWICE), n))
     least = np.tile(-LEAST_EIGENVALUE * (_TWICE == 1.0), n)
     cones = [clarabel.PSDTriangleConeT(4)] * n
@@ -89,11 +82,11 @@ def least_consistent(hessian: Array, slope: Array, n: int) -> Array:
     # one thread, so that the same input gives the same bits
     options.max_threads = 1
     found = clarabel.DefaultSolver(
-        *(csc_matrix(np.triu(hessian)), -slope, csc_matrix(rows), least, cones, options)
+        *(csc_matrix(np.triu(inner)), -slope, csc_matrix(rows), least, cones, options)
     ).solve()
     if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
         raise StictionError(f"no links fit these logs: the solver says {found.status}")
-    return np.array(found.x)
+    return np.asarray((wide @ np.array(found.x)).reshape(n, 10))
 
 
 def tolerances(phi: Array) -> Array:

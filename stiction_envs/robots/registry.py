@@ -31,7 +31,6 @@ PACKAGE = Path(__file__).resolve().parents[1]
 Descriptions = Any  # of robot_descriptions, an extra that has no types
 SCENE = "scene.xml"
 ENDS = (".xml", ".mjcf", ".urdf")
-MOST_BYTES = 2**24  # most bytes of a scene; assumed
 _DESCRIPTION = re.compile(r"\w+_description")
 
 
@@ -187,8 +186,6 @@ def in_folder(folder: Path) -> Path:
     found = sorted(x for x in folder.iterdir() if x.suffix.lower() in ENDS and x.is_file())
     if scene in found:
         try:
-            if scene.stat().st_size > MOST_BYTES:
-                raise StictionError(f"{scene}: over {MOST_BYTES >> 20} MiB: {wanted}")
             root = ET.parse(scene).getroot()
         except (ET.ParseError, OSError, ValueError):
             raise StictionError(f"{scene}: no XML: {wanted}") from None
@@ -209,13 +206,8 @@ def described(name: str) -> Path:
         cache: Descriptions = importlib.import_module("robot_descriptions._cache")
         repositories = importlib.import_module("robot_descriptions._repositories").REPOSITORIES
         clone = cache.clone_to_cache
-    except ImportError:
+    except (ImportError, AttributeError):  # not there, or another version
         raise missing_extra(f"robot {name!r}", "robot_descriptions", "descriptions") from None
-    except AttributeError:
-        raise StictionError(
-            f"robot {name!r}: this version of robot_descriptions is not supported: expected "
-            "another, or a path to an MJCF or URDF"
-        ) from None
     cache.clone_to_cache = _only_cached(name, repositories)
     try:
         module = importlib.import_module(f"robot_descriptions.{name}")

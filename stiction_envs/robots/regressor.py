@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
 from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.robots import Arm
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Parameters of one link in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
@@ -26,6 +27,9 @@ _LAST = {"m": 1e-3, "mz": 1e-2, "Iyy": 1e-1}
 parameters can be grouped into others (M. Gautier, W. Khalil, "Direct calculation of minimum set of
 inertial parameters of serial robots", 1990), which keeps the sums short."""
 LEAST = 1e-6  # coefficients of a grouping that count as zero [-] (assumed)
+SPEED_UP_TIME = 0.3  # time in which a joint usually comes to its speed limit [s]; assumed
+STATES_PER_JOINT = 40
+"""Random states, over all of the range, from which the base parameters are found; assumed."""
 
 
 def inertial_names(n: int) -> tuple[str, ...]:
@@ -134,3 +138,35 @@ def base_set(columns: Array, names: Sequence[str]) -> BaseSet:
     grouping = np.zeros((rank, len(dropped)))
     grouping[:, np.searchsorted(dropped, later)] = mix[sort]
     return BaseSet(names=tuple(names), kept=first[sort], dropped=dropped, grouping=grouping)
+
+
+def columns_of(model: pin.Model, q: Array, dq: Array, ddq: Array, own: Array) -> Array:
+    """Return (T, n, 10 n + k n) torque per parameter: ten per link, then k per joint.
+
+    q, dq, ddq are (T, n) [rad, s]; ``own`` (T, n, k) is torque per parameter of a joint's own:
+    rotor, friction, offset.
+    """
+    joints = np.einsum("tjk,ji->tjki", own, np.eye(own.shape[1]))
+    links = torque_regressor(model, q, dq, ddq)
+    return np.concatenate([links, joints.reshape(*own.shape[:2], -1)], axis=2)
+
+
+def structural_base(arm: Arm, kinds: tuple[str, ...]) -> tuple[BaseSet, Array]:
+    """Return the base parameters that some motion excites, and (r,) the torque of one unit of each.
+
+    The torque is over its joint's limit, root mean square over states all over the range; ``kinds``
+    are parameters of each joint, a part of "rotor", "Fc", "Fv", "offset".
+    """
+    n, limits = arm.n, arm.limits
+    rows = STATES_PER_JOINT * n
+    rng = np.random.default_rng(0)
+    low, high = limits.position.T
+    q = rng.uniform(low, high, (rows, n))
+    dq = rng.uniform(-1, 1, (rows, n)) * limits.velocity
+    ddq = rng.uniform(-1, 1, (rows, n)) * limits.velocity / SPEED_UP_TIME
+    own = {"rotor": ddq, "Fc": np.sign(dq), "Fv": dq, "offset": np.ones_like(q)}
+    whole = columns_of(arm.pinocchio(), q, dq, ddq, np.stack([own[k] for k in kinds], axis=2))
+    names = (*inertial_names(n), *(f"{kind}{j}" for kind in kinds for j in range(1, n + 1)))
+    base = base_set(whole.reshape(-1, len(names)), names)
+    kept = whole[:, :, base.kept] / limits.torque[:, None]
+    return base, np.sqrt(np.square(kept).mean(axis=0).max(axis=0))

@@ -8,7 +8,6 @@ where the robot rests. Of a bigger robot all joints outside one arm are locked (
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
 from itertools import pairwise
 from pathlib import Path
@@ -35,8 +34,10 @@ from stiction_envs.robots.chain import (
     Chain,
     balance_inertias,
     chain_title,
+    compile_spec,
     lock_other_joints,
     lock_slides,
+    one_line,
     rest_key,
     suggest_chains,
 )
@@ -68,12 +69,12 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
     before, end = spec.copy(), None
     try:
         if chain is None:
-            whole = _compile(spec, path)
+            whole = compile_spec(spec, path)
         else:
-            end, whole = lock_other_joints(spec, chain, path, _compile)
-        model = whole if chain is None else _compile(spec, path)
+            end, whole = lock_other_joints(spec, chain, path)
+        model = whole if chain is None else compile_spec(spec, path)
         held = lock_slides(spec, model)
-        model = _compile(spec, path) if held else model
+        model = compile_spec(spec, path) if held else model
         hinges = _hinges(model, path)
     except StictionError as error:
         hint = "" if chain else suggest_chains(_named(path)[0], (CHAIN_JOINTS, JOINTS[1]))
@@ -146,10 +147,6 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
     }
 
 
-def _one_line(error: Exception) -> str:
-    return "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
-
-
 def compile_file(path: Path, chain: Chain | None = None) -> mujoco.MjModel:
     """Return the compiled model of a user's file, friction and actuators included.
 
@@ -157,20 +154,8 @@ def compile_file(path: Path, chain: Chain | None = None) -> mujoco.MjModel:
     """
     spec = _named(path)[0]
     if chain is not None:
-        lock_other_joints(spec, chain, path, _compile)
-    return _compile(spec, path)
-
-
-def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    try:
-        return spec.compile()
-    except ValueError as error:
-        text = _one_line(error)
-        if "mass and inertia of moving bodies" in text:
-            found = re.search(r"name '([^']*)'", text)
-            link = found.group(1) if found else "?"
-            raise StictionError(f"{path}: moving link {link!r} has no mass or inertia") from None
-        raise StictionError(f"{path}: MuJoCo cannot build it: {text}") from None
+        lock_other_joints(spec, chain, path)
+    return compile_spec(spec, path)
 
 
 def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float], list[str], list[str]]:
@@ -189,7 +174,7 @@ def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float], list[str], list
         else:
             spec = mujoco.MjSpec.from_file(str(path))
     except (ET.ParseError, ValueError, OSError) as error:
-        raise StictionError(f"{path}: not a readable MJCF or URDF: {_one_line(error)}") from None
+        raise StictionError(f"{path}: not a readable MJCF or URDF: {one_line(error)}") from None
     for kind, items in (("link", spec.bodies[1:]), ("joint", spec.joints)):
         taken = {item.name for item in items}
         for i, item in enumerate(items):
@@ -353,7 +338,7 @@ def _rigid_xml(
             spec.delete(joint)
     _absolute_assets(spec)
     # The compiled model has the numbers that to_xml rounds or leaves to defaults and frames.
-    model = _compile(spec, path)
+    model = compile_spec(spec, path)
     root = ET.fromstring(spec.to_xml())
     for section in ("option", "size", "custom", "extension", "deformable", "keyframe"):
         for child in root.findall(section):

@@ -7,9 +7,9 @@ import tomllib
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import imperfect_arms as excited
 from stiction_envs.experiments.sje import calibrate
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.identification.identify import MODELS
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import inertial_parameters

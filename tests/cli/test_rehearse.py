@@ -36,7 +36,7 @@ def test_writes_and_prints_the_smallest_sizes(cli, work, call):
     ]
     assert all(float(r["smallest_found"]) > 0 for r in rows)
     assert "Of 4 causes, counted on each joint, this recording shows 4 at one of" in ran.out
-    assert "coulomb_friction, coulomb_nm:\n  shown from joint 1 0.0" in ran.out
+    assert "coulomb_friction, coulomb_nm [N·m]" in ran.out
     assert ran.out.endswith("written to a: rehearsal.csv\n")
     assert "hid viscous_friction in the log" in ran.err
 
@@ -84,20 +84,6 @@ def servo_call(two, inputs):
     path.write_text(log_csv(h.log.t, digits=9, q_cmd=h.log.q_cmd, q=h.log.q))
     known = ("--servo-stiffness", *h.stiffness, "--servo-damping", *h.damping)
     return ("diagnose", "--rehearse", path, "--robot", two, *known, "--threads", 1, "--out", "a")
-
-
-@pytest.mark.slow
-def test_a_servo_log_is_rehearsed(cli, work, servo_call):
-    ran = cli(*servo_call, "--rehearse-causes", "coulomb_friction")
-    assert ran.code == 0, ran.err
-    assert {p.name for p in (work / "a").iterdir()} == FILES
-    rows = csv_rows(work / "a/rehearsal.csv")
-    assert [(r["cause"], r["joint"]) for r in rows] == [
-        ("coulomb_friction", "1"),
-        ("coulomb_friction", "2"),
-    ]
-    assert all(float(r["smallest_found"]) > 0 for r in rows[:2])
-    assert "shown from joint 1" in ran.out
 
 
 @pytest.mark.parametrize(

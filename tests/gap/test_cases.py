@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.accuracy.imperfect_arms import presliding
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.signals.angles import angle_error
 from stiction_envs.gap.validation.check import check_model
 from stiction_envs.hidden.hidden_motions import MOTIONS
-from stiction_envs.hidden.imperfect_arms import presliding
 from stiction_envs.hidden.worlds import inverse_torque, with_scattered_links
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm

@@ -108,7 +108,5 @@ def test_a_hidden_coulomb_friction_is_said_as_that_of_motion() -> None:
     """A joint that breaks away at 1.0 N·m and slides at 0.6, and 0.5 N·m more at rest."""
     p = np.array(parameters(stiction=1.0, drop=0.4))
     p[INDEX["stiffness"]] = 100.0
-    joint = ServoJoint(
-        parameters=p, friction=1.0, gravity=1.0, torque=1.0, speed=1.0, inertia=1.0, above=1.0
-    )
+    joint = ServoJoint(parameters=p, friction=1.0, gravity=1.0, torque=1.0, speed=1.0, inertia=1.0)
     assert EFFECTS["coulomb_friction"].shown(joint, 0.005) == pytest.approx(0.9)

@@ -22,7 +22,7 @@ from stiction_envs.robots import Arm, load_arm
 from tests.robots.test_overlapping_links import ARM
 
 DEFAULTS = excitation_settings()
-QUICK = dataclasses.replace(DEFAULTS, iterations=30, starts=1, randoms=6)
+QUICK = dataclasses.replace(DEFAULTS, iterations=100, starts=1, randoms=6)
 
 
 @pytest.fixture(scope="module")
@@ -116,29 +116,26 @@ def test_better_conditioned_than_random_motions(motion):
 def test_stated_condition_number_is_that_of_the_regressor(panda, motion):
     """In SI units, worked out anew: 43 links' base parameters of the Panda and 21 of friction."""
     assert len(motion.columns) == 43 + 21
-    problem = ExcitationProblem(panda, QUICK, np.random.default_rng(3))
+    problem = ExcitationProblem(panda, QUICK)
     q, dq, ddq = motion.series.state(problem.fine)
     model, data = panda.pinocchio(), panda.pinocchio().createData()
     rows = []
     for k in range(len(q)):
         w = pin.computeJointTorqueRegressor(model, data, q[k], dq[k], ddq[k])
         own = [np.diag(x) for x in (np.tanh(dq[k] / SIGN_SPEED), dq[k], np.ones(7))]
-        friction = np.stack(own, axis=2).reshape(7, 21)
-        rows.append(np.hstack([w, friction])[:, problem.base.kept])
+        rows.append(np.hstack([w, *own])[:, problem.base.kept])
     s = np.linalg.svd(np.concatenate(rows), compute_uv=False)
     assert motion.condition_si == pytest.approx(s[0] / s[-1], rel=1e-6)
 
 
-def test_gradient_of_the_objective(panda):
-    """Finite differences of the whole, with penalties active."""
+def test_the_cost_is_the_condition_and_penalties(panda):
+    """Inside all limits there is none; half as much again breaks some."""
     rng = np.random.default_rng(0)
-    problem = ExcitationProblem(panda, QUICK, rng)
-    x = 1.4 * problem.random(rng)
-    value, gradient = problem.value(x, 10.0)
-    assert value > problem.value(x, 0.0)[0]  # the penalties count
-    step, h = rng.normal(size=x.size), 1e-6
-    change = problem.value(x + h * step, 10.0)[0] - problem.value(x - h * step, 10.0)[0]
-    assert change / 2 / h == pytest.approx(float(gradient @ step), rel=1e-3)
+    problem = ExcitationProblem(panda, QUICK)
+    x = problem.random(rng)
+    for point, penalised in ((0.9 * x, False), (1.5 * x, True)):
+        plain = np.log(problem.condition(problem.series(point).state(problem.coarse)))
+        assert (problem.cost(point) > plain + 0.01) == penalised
 
 
 def test_same_seed_same_motion_and_progress_rises_to_one(panda):
@@ -155,17 +152,9 @@ def test_same_seed_same_motion_and_progress_rises_to_one(panda):
     assert search[-1] == 1.0
 
 
-def test_files(tmp_path, motion):
-    motion.write(tmp_path)
-    assert (tmp_path / "excitation.png").read_bytes()[:4] == b"\x89PNG"
-    path = tmp_path / "trajectory.csv"
-    motion.to_csv(path, 100.0)
-    head, *rows = path.read_text().splitlines()
-    assert head == "t," + ",".join(f"{c}{j}" for c in ("q", "dq") for j in range(1, 8))
-    table = np.array([[float(v) for v in row.split(",")] for row in rows])
-    np.testing.assert_allclose(table[:, 1:8], motion.state(table[:, 0])[0], atol=1e-7)
+def test_samples_need_a_rate(motion):
     with pytest.raises(StictionError, match="rate"):
-        motion.to_csv(path, 0.0)
+        motion.times(0.0)
 
 
 def test_an_arm_that_cannot_be_held_at_rest_is_said(panda):

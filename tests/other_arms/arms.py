@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.accuracy.imperfect_arms import perturbed, presliding
 from stiction_envs.hidden.examples import log_csv
-from stiction_envs.hidden.imperfect_arms import perturbed, presliding
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.robots import Arm, load_arm
 from tests.command_line import Ran

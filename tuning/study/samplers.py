@@ -15,7 +15,6 @@ from optuna.samplers import BaseSampler
 from optuna.study import Study
 from optuna.trial import FrozenTrial
 
-from stiction_envs.errors import StictionError
 from tuning.study.record import CONSTRAINTS, Parameters, Space
 
 
@@ -41,13 +40,7 @@ class CmaEsFromTheStart(optuna.samplers.CmaEsSampler):
 
 
 def installed(name: str) -> str:
-    """Return the sampler that runs under a name: without PyTorch ``gp`` is ``tpe``.
-
-    Raises:
-        StictionError: cmaes without its package.
-    """
-    if name == "cmaes" and find_spec("cmaes") is None:
-        raise StictionError("sampler cmaes: pip install 'stiction-envs[fit]'")
+    """Return the sampler that runs under a name: without PyTorch ``gp`` is ``tpe``."""
     return "tpe" if name == "gp" and find_spec("torch") is None else name
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from cmaes import CMA
 from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models.cells import Cell
-from stiction_envs.errors import missing_extra
 from stiction_envs.experiments.sje.calibrate import calibrate
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
@@ -232,19 +232,6 @@ def with_drift(cells: Sequence[Cell], predicted: Array) -> Array:
     )
 
 
-def optimiser() -> Any:
-    """Return the class of CMA-ES searches.
-
-    Raises:
-        StictionError: its package is not installed.
-    """
-    try:
-        from cmaes import CMA
-    except ImportError:
-        raise missing_extra("fitting the thesis's tables", "cmaes", "fit") from None
-    return CMA
-
-
 def search(
     fit: JointFit,
     seeds: Sequence[int],
@@ -260,13 +247,13 @@ def search(
         generations: of the search.
         around: where the first seed starts; the others, or all if None, start elsewhere.
     """
-    cma, searches = optimiser(), []
+    searches = []
     for k, seed in enumerate(seeds):
         rng = np.random.default_rng([seed, fit.joint])
         warm = fit.cube(around) if around is not None and k == 0 else None
         mean = rng.uniform(0.25, 0.75, len(fit.names)) if warm is None else warm
         searches.append(
-            cma(
+            CMA(
                 mean=mean,
                 sigma=0.25 if warm is None else 0.08,
                 bounds=np.tile([0.0, 1.0], (len(fit.names), 1)),

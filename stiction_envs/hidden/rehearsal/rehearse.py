@@ -4,10 +4,8 @@
     print(r)                       # the smallest size of each cause that this motion shows
     r.save("runs/rehearsal")       # rehearsal.csv
 
-log -> its own diagnosis -> motion and noise (`replay`) -> nominal torque + one cause of known size
-(`torque_effects`) + noise -> diagnosis -> was it named, and nothing else?
-
-For servo logs (`servo`) stock MuJoCo simulates the whole arm under its servos instead.
+log -> its own diagnosis -> motion and noise -> a log with one cause of known size hidden in it
+(`torque_logs`, `servo_logs`) -> diagnosis -> was it named, and nothing else (`jobs.judge`)?
 
 A cause of single joints is hidden in all of them at once, because its torque is only its joint's.
 One that all joints' torques show (`Cause.acts_on`: a link, a gear) is hidden joint by joint: all
@@ -18,34 +16,49 @@ dry friction, as much as the log shows, which a rigid nominal model lacks: that 
 
 from __future__ import annotations
 
+import hashlib
 import os
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Unpack
 
+import numpy as np
+
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.gap.causes import Cause, cause_named, register, registered
-from stiction_envs.gap.diagnose import LogOptions, diagnose
+from stiction_envs.gap.causes import Cause, register, registered
+from stiction_envs.gap.diagnose import SERVO_LOGS, TABLES, LogOptions, diagnose, kind_of
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, CauseJob, Subject, measure
+from stiction_envs.hidden.rehearsal.jobs import (
+    FOUND,
+    MISSED,
+    NOTHING,
+    CauseJob,
+    Hideable,
+    RehearsalRun,
+    judge,
+)
 from stiction_envs.hidden.rehearsal.rehearsal_result import Rehearsal, row_of
-from stiction_envs.hidden.rehearsal.replay import replay_of
-from stiction_envs.hidden.rehearsal.servo import subject_of
-from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
+from stiction_envs.hidden.rehearsal.servo_logs import ServoLogs
+from stiction_envs.hidden.rehearsal.torque_logs import TorqueLogs, hideable
 from stiction_envs.hidden.servo_effects import EFFECTS
-from stiction_envs.measured.kinds import TABLE, file_kind
-from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import naming_of
-from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.reporting.kept_rows import KeptRows
-from stiction_envs.reporting.provenance import Provenance, provenance
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.robots import Arm
-from stiction_envs.robots.registry import robot_files
+
+Subject = TorqueLogs | ServoLogs
+"""Logs in which causes can be hidden."""
+LARGE_NOISE, LARGE_SHARE = 25.0, 0.1
+"""Change by the largest size, over the noise, and over the joint's whole torque or motion,
+whichever is more; root mean squares [-]; assumed: nobody overlooks either. The smallest changes as
+much as the noise, hardly visible to the eye; the middle one is their geometric mean."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,8 +67,7 @@ class Plan:
 
     robot: str
     subject: Subject
-    jobs: tuple[CauseJob, ...]
-    seed: int
+    jobs: Sequence[CauseJob]
     provenance: Provenance
 
     def run(
@@ -69,24 +81,23 @@ class Plan:
 
         Finished jobs are kept in the file ``kept``, and not done again; None keeps nothing.
         """
-        asked = {job.key: job for job in self.jobs if not job.why_not}
 
         def tell(key: str, done: int, count: int) -> None:
             if progress is not None:
                 progress(f"hid {key} in the log", done / count)
 
         runs = KeptRows(kept).fill(
-            asked,
-            partial(measure, subject=self.subject, seed=self.seed),
+            {job.key: job for job in self.jobs if not job.why_not},
+            partial(measure, subject=self.subject, seed=self.provenance["seed"]),
             processes=threads or os.cpu_count() or 1,
             tell=tell,
             begin=partial(_begin, registered()),
         )
-        order = list(dict.fromkeys(job.cause for job in self.jobs))
+        order = [job.what.name for job in self.jobs]
         rows = [
             row_of(job, row, [] if job.why_not else runs[job.key])
             for job in self.jobs
-            if job.cause != NOTHING
+            if job.what.name != NOTHING
             for row in job.rows
         ]
         return Rehearsal(
@@ -103,6 +114,43 @@ def _begin(causes: Sequence[Cause]) -> None:
     known = {c.name for c in registered()}
     for cause in (c for c in causes if c.name not in known):
         register(cause)
+
+
+def jobs_of(subject: Subject, causes: Sequence[Hideable]) -> list[CauseJob]:
+    """Return the jobs of causes, in their order, and that in which nothing is hidden."""
+    jobs = [CauseJob(Hideable(NOTHING, "", "", ""), ())]
+    for what in causes:
+        whys = [subject.why_not(what, j) for j in range(len(subject.noise))]
+        seen = tuple(j for j, why in enumerate(whys) if not why)
+        if what.arm_wide:
+            jobs.append(CauseJob(what, seen or (0,), "" if seen else whys[0]))
+            continue
+        together = [(j,) for j in seen] if what.coupled else [seen] * bool(seen)
+        jobs += [CauseJob(what, joints) for joints in together]
+        jobs += [CauseJob(what, (j,), why) for j, why in enumerate(whys) if why]
+    return jobs
+
+
+def measure(job: CauseJob, subject: Subject, seed: int) -> list[RehearsalRun]:
+    """Hide a cause at the sizes that are needed; the smallest effect first."""
+
+    def run(number: int, size: Array) -> RehearsalRun:
+        rng = np.random.default_rng([seed, zlib.crc32(job.key.encode()), number])
+        return subject.run(job, size, rng)
+
+    if job.what.name == NOTHING:
+        return [run(1, np.zeros(0))]
+    overlooked = np.maximum(LARGE_NOISE * subject.noise, LARGE_SHARE * subject.whole)
+    small, large = (subject.size(job, x) for x in (subject.noise, overlooked))
+    sizes = small, np.sqrt(small * large), large
+    if not sizes[1].any():
+        return []
+    runs = {1: run(1, sizes[1])}
+    said = {judge(job, row, runs[1])[0] for row in job.rows if str(row) in runs[1]["sizes"]}
+    for k, needed in ((0, said != {MISSED}), (2, said != {FOUND})):
+        if needed and not np.allclose(sizes[k], sizes[1]):  # unless all are the largest there is
+            runs[k] = run(k, sizes[k])
+    return [runs[k] for k in sorted(runs)]
 
 
 def rehearse(
@@ -148,40 +196,31 @@ def plan(
             raise StictionError(f"{name}: cannot be used to rehearse")
     say = progress or (lambda *_: None)
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
-    for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
-        raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    naming = naming_of(None, options)
-    kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
+    kind = kind_of(given, options.get("drive"), naming_of(None, options))
+    if kind == TABLES:
+        raise StictionError(f"rehearse: {given[0]} is a torque table: expected joint logs")
+    every = list(EFFECTS.values()) if kind == SERVO_LOGS else [hideable(c) for c in registered()]
     for name in causes or ():  # before the long computation
-        if kind != POSITION:
-            cause_named(name)
-        elif name not in EFFECTS:
-            raise unknown("cause", name, EFFECTS)
+        if name not in (known := [x.name for x in every]):
+            raise unknown("cause", name, known)
     own = diagnose(
         given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )
     subject: Subject
     if isinstance(own, ServoResult):
-        subject = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts))
-        jobs = subject.jobs_of(causes or EFFECTS)
+        subject = ServoLogs(own.diagnosis, changed_arm(own.arm, own.before.parts))
     else:
         assert isinstance(own, LogDiagnosis)
-        hidden = [c for c in registered() if causes is None or c.name in causes]
-        subject = HiddenTorques(replay=replay_of(own.diagnosis))
-        jobs = jobs_of(own.diagnosis, hidden)
-    arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
-    if causes is not None:
-        arguments["rehearse_causes"] = list(causes)
-    inputs = {**own.sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
-    for name in ("nominal", "calibration"):
-        file = options.get(name)
-        if isinstance(file, str | Path) and Path(file).is_file():
-            inputs[name] = Path(file)
-    seed = own.provenance["seed"]
+        subject = TorqueLogs(own.diagnosis)
+    asked = {} if causes is None else {"rehearse_causes": list(causes)}
+    made = own.provenance
+    made["arguments"] |= {"rehearse": True, **asked}
+    identity = made["arguments_sha256"] + str(asked)
+    made["arguments_sha256"] = hashlib.sha256(identity.encode()).hexdigest()
+    hidden = [x for x in every if causes is None or x.name in causes]
     return Plan(
         robot=own.robot,
         subject=subject,
-        jobs=tuple(jobs),
-        seed=seed,
-        provenance=provenance("diagnose", arguments, seed=seed, inputs=inputs),
+        jobs=jobs_of(subject, hidden),
+        provenance=made,
     )

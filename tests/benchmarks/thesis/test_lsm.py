@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from benchmarks.accuracy import imperfect_arms as excited
 from benchmarks.thesis import lsm
 from benchmarks.thesis.lsm import lines_of
 from benchmarks.thesis.rosdyn import rosdyn
 from stiction_envs.errors import StictionError
-from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.identification.identify import identify
 from stiction_envs.measured import thesis_table
 from stiction_envs.robots import load_arm

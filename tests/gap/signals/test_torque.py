@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.accuracy.imperfect_arms import presliding
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.loads import Loads, loads
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import correct_sign, shared_unit
-from stiction_envs.hidden.imperfect_arms import presliding
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 from tests.gap.small_logs import RATE, hidden, motion, panda, sliding

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from stiction_envs.hidden.rehearsal.replay import Replay, replay_of
+from stiction_envs.hidden.rehearsal.torque_logs import TorqueLogs
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import dry, found, hidden
 from tests.robots.arms import TWO
@@ -27,6 +27,6 @@ def two(two_xml) -> Arm:
 
 
 @pytest.fixture(scope="session")
-def replay(two) -> Replay:
+def logs(two) -> TorqueLogs:
     """The motion of 15 s with dry friction of 0.5 N·m, which a rigid model lacks."""
-    return replay_of(found(two, hidden(two, dry)))
+    return TorqueLogs(found(two, hidden(two, dry)))

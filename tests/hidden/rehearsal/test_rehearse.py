@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,15 +12,14 @@ from stiction_envs.gap.causes import cause_named, register, unregister
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.hidden.hidden_logs import make_case
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, CauseJob, Verdict, judge
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, CauseJob, judge
 from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
-from stiction_envs.hidden.rehearsal.torques import hideable
+from stiction_envs.hidden.rehearsal.torque_logs import hideable
 from stiction_envs.hidden.servo_effects import EFFECTS as SERVO_EFFECTS
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw
 from stiction_envs.hidden.worlds import World
 from tests.command_line import csv_rows
-from tests.gap.small_logs import dry, found, hidden, only, write_csv
-from tests.refusal import refusal
+from tests.gap.small_logs import dry, found, hidden, only
 
 FEW = ("coulomb_friction", "gravity_compensation_missing")
 
@@ -50,7 +48,8 @@ def test_a_large_cause_is_found_and_nothing_else(rehearsed):
     assert sorted(dry_rows) == [1, 2]
     assert all(0.001 < r.smallest_found < 0.1 for r in dry_rows.values())
     assert all(r.smallest_found in r.tried for r in rehearsed.rows)
-    assert "gravity_compensation_missing from 0." in str(rehearsed)
+    (line,) = (x for x in str(rehearsed).split("\n") if x.startswith("coulomb_friction"))
+    assert line.split()[-2:] == [dry_rows[1].cell, dry_rows[2].cell]
     assert "With nothing hidden it names no cause." in rehearsed.summary
 
 
@@ -58,23 +57,23 @@ def test_a_joint_that_rests_shows_no_friction(two):
     """Gravity holds it all the time; friction, and what needs motion, is out of sight."""
     shown = rehearse(only(hidden(two, seconds=10.0), 1), two, causes=["viscous_friction"])
     rest, moving = (rows_of(shown, "viscous_friction")[j] for j in (1, 2))
-    assert not rest.found
     assert rest.instead.startswith("not visible in this motion: it changes no torque of joint 1")
     assert rest.tried == ()
     assert rest.what_to_record
-    assert moving.found
-    assert "not shown on joint 1: not visible in this motion" in str(shown)
+    assert moving.smallest_found
+    assert (rest.cell, moving.smallest_found > 0) == ("-", True)
+    assert "to see viscous_friction, record constant speed" in str(shown)
 
 
 def test_an_earlier_model_is_what_is_judged(two):
     """The arm's dry friction is known then, and is not named again."""
     log = hidden(two, dry)
     planned = plan(log, two, nominal=model_of(found(two, log)), causes=["stribeck_friction"])
-    np.testing.assert_allclose(planned.subject.replay.friction, 0.5, atol=0.03)
-    assert np.all(planned.subject.replay.unknown_friction < 0.02)
+    np.testing.assert_allclose(planned.subject.friction, 0.5, atol=0.03)
+    assert np.all(planned.subject.unknown_friction < 0.02)
     again = planned.run()
     assert again.named_without == ()
-    assert all(r.found for r in again.rows)
+    assert again.found == len(again.rows)
 
 
 def test_the_files_hold_all_of_it(rehearsed, tmp_path):
@@ -100,11 +99,9 @@ def test_processes_change_nothing(planned, rehearsed):
 VISCOUS, STRIBECK, DRY = "viscous_friction", "stribeck_friction", "coulomb_friction"
 LINKS, TIP, GAP = "link_parameters", "payload", "torque_offset"
 OTHER_LINK, DRY_1 = f"{LINKS} of joint 2", f"{DRY} of joint 1"
-ONE, SLOW, TOOL = (
-    CauseJob(what=hideable(cause_named(x)), joints=(0, 1)) for x in (VISCOUS, STRIBECK, TIP)
-)
-LINK = CauseJob(what=hideable(cause_named(LINKS)), joints=(0,))
-LATE = CauseJob(what=SERVO_EFFECTS["delay"], joints=(0, 1))
+ONE, SLOW, TOOL = (CauseJob(hideable(cause_named(x)), (0, 1)) for x in (VISCOUS, STRIBECK, TIP))
+LINK = CauseJob(hideable(cause_named(LINKS)), (0,))
+LATE = CauseJob(SERVO_EFFECTS["delay"], (0, 1))
 PARTS = ["armature", "damping", "delay"]
 
 
@@ -131,8 +128,7 @@ PARTS = ["armature", "damping", "delay"]
 )
 def test_a_run_is_judged(job, row, named, found, false, why):
     run = {"sizes": {}, "named": named, "minor": []}
-    said = judge(job, row, run)
-    assert said == Verdict(verdict=found, false=(false,) if false else (), why=why)
+    assert judge(job, row, run) == (found, [false] if false else [], why)
 
 
 def test_what_has_no_law_is_said_to_have_none(two):
@@ -149,15 +145,7 @@ def test_what_has_no_law_is_said_to_have_none(two):
     assert {r.instead for r in found.rows} == {
         "not visible in this motion: no law is known by which to hide it"
     }
-    assert all(math.isnan(r.smallest_found) for r in found.rows)
-
-
-def test_bad_input(two, two_xml, tmp_path):
-    log = tmp_path / "log.csv"
-    write_csv(log, hidden(two, seconds=5.0))
-    says = "unknown cause 'rust': expected one of coulomb"
-    refusal(lambda: rehearse(log, two_xml, causes=["rust"]), says)
-    refusal(lambda: rehearse(log, two_xml, torque="both"), "unknown torque side 'both'")
+    assert found.found == 0
 
 
 def size_of(name: str, joint: int, known: bool, value: float) -> float:
@@ -193,7 +181,7 @@ def test_the_promised_size_is_found_in_a_simulated_robot(name, joint, motion, kn
     promise = replace(planned, jobs=jobs).run()
     (row,) = (r for r in promise.rows if r.joint in (0, joint))
     assert promise.named_without == ()
-    assert not math.isnan(getattr(row, promised)), row
+    assert getattr(row, promised) is not None, row
     size = size_of(name, joint, known, getattr(row, promised))
     true = make_case(3, (name,), motion=motion, known=known, joint=joint, size=size)
     found = diagnose_logs(true.logs, true.robot, nominal=true.nominal)
