@@ -12,14 +12,14 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.servo.joint import JointMotion, command_nodes
-from stiction_envs.gap.signals.filters import lowpass
+from stiction_envs.gap.servo.questions import resolution_of
+from stiction_envs.gap.signals.filters import angle_noise, lowpass
 from stiction_envs.measured.logs.corrections import runs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 CUTOFF_HZ = 5.0
-"""Bandwidth of the accelerations that couple the joints [Hz]: angles come in steps of about a
-milliradian; assumed."""
+"""Least bandwidth of the accelerations that couple the joints [Hz]; assumed."""
 TILT = 1e-3
 """Angle over which the slope of gravity is taken [rad]; assumed."""
 OUTSIDE = 1.0
@@ -81,13 +81,28 @@ def joint_motions(
     return out
 
 
+def smooth(t: Array, q: Array) -> Array:
+    """Return a joint's angle (T,) in the least band that loses no more of it than its noise [rad].
+
+    The noise is that of the encoder's steps, of the signal, and of stamps that jitter.
+    """
+    step = np.diff(t)
+    jitter = float(np.std(step) / np.sqrt(2.0) * np.sqrt(np.mean((np.diff(q) / step) ** 2)))
+    noise = max(resolution_of(q) / np.sqrt(12.0), angle_noise(q), jitter)
+    rate, cutoff = 1.0 / float(np.median(step)), CUTOFF_HZ
+    out = lowpass(q, rate, cutoff)
+    while np.mean((q - out) ** 2) > noise**2:
+        cutoff *= 1.25
+        out = lowpass(q, rate, cutoff)
+    return out
+
+
 def _torques(arm: Arm, t: Array, q: Array) -> tuple[Array, Array, Array, Array]:
     """Return gravity, its slope, diagonal inertia, coupling torque along one segment, (T, n)."""
     model = arm.model()
     data = mujoco.MjData(model)
     n = arm.n
-    smooth = lowpass(q, 1.0 / float(np.median(np.diff(t))), CUTOFF_HZ)
-    speed = np.gradient(smooth, t, axis=0)
+    speed = np.gradient(np.stack([smooth(t, x) for x in q.T], axis=1), t, axis=0)
     acceleration = np.gradient(speed, t, axis=0)
     gravity, slope, inertia, coupling = (np.empty((len(t), n)) for _ in range(4))
     mass = np.empty((n, n))
