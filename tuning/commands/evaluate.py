@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
-from stiction_envs.cli.gte import compensation_file
 from stiction_envs.cli.progress import Progress
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
@@ -123,9 +122,7 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     task = read_task(args, common.read_arm(args).n)
     check(task, args.policy)
-    inputs: dict[str, Path | None] = {**common.model_files(args)}
-    inputs |= policy_files(task.arm_name, args.policy)
-    inputs["compensation"] = compensation_file(args)
+    inputs = common.model_files(args) | policy_files(task.arm_name, args.policy)
     folder = common.output_folder(args, task.arm_name, inputs)
     with common.working(), Progress("episodes") as progress:
         evaluated = evaluate_all(

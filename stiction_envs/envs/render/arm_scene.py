@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
+from mujoco.rendering.classic import gl_context
 from numpy.typing import NDArray
 
 from stiction_envs.arrays import Array
@@ -28,6 +29,7 @@ PATH = np.array([0.1, 0.35, 0.75, 1.0], dtype=np.float32)
 """Colour of a path and its goals."""
 ARROW, CAPSULE = mujoco.mjtGeom.mjGEOM_ARROW, mujoco.mjtGeom.mjGEOM_CAPSULE
 SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
+MOST_SHAPES = 2000  # of the arm and what is drawn
 HEADLESS = ("egl", "osmesa")  # backends of OpenGL without a display, the first one first
 _AROUND = """
 <mujoco>
@@ -77,9 +79,7 @@ class ArmScene:
         self.model = scene_model(arm, width, height)
         self.data = mujoco.MjData(self.model)
         self.joints = [self.model.joint(name).id for name in arm.joint_names]
-        self._scene = mujoco.MjvScene(self.model, 2000)
-        self._rect = mujoco.MjrRect(0, 0, width, height)
-        self._opened: tuple[mujoco.GLContext, mujoco.MjrContext] | None = None
+        self._renderer: mujoco.Renderer | None = None
 
     def pose(self, q: Array) -> None:
         """Put the arm at joint angles (n,) [rad]."""
@@ -118,17 +118,10 @@ class ArmScene:
         Raises:
             StictionError: no OpenGL.
         """
-        self._opened = gl, context = self._opened or _open(self.model)
-        shown, nobody = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.MjvPerturb()
-        mujoco.mjv_updateScene(
-            *(self.model, self.data, mujoco.MjvOption(), nobody, camera, shown, self._scene)
-        )
-        decorate(self._scene)
-        gl.make_current()
-        mujoco.mjr_render(self._rect, self._scene, context)
-        out = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(out, None, self._rect, context)
-        return np.ascontiguousarray(np.flipud(out))
+        self._renderer = renderer = self._renderer or _open(self.model)
+        renderer.update_scene(self.data, camera)
+        decorate(renderer.scene)
+        return renderer.render()
 
     def draw_chain(self, scene: mujoco.MjvScene) -> None:
         """Show an arm without geometry by a chain through its joints."""
@@ -137,30 +130,27 @@ class ArmScene:
 
     def close(self) -> None:
         """Free the graphics context."""
-        if self._opened is not None:
-            gl, context = self._opened
-            gl.make_current()
-            context.free()
-            gl.free()
-            self._opened = None
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
 
-def _open(model: mujoco.MjModel) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
+def _open(model: mujoco.MjModel) -> mujoco.Renderer:
     """Open OpenGL for offscreen pictures; without display and MUJOCO_GL, a headless backend."""
-    chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
-    reasons = []
-    for name in HEADLESS if not has_display() and not chosen else [chosen]:
+    size = model.vis.global_.offheight, model.vis.global_.offwidth
+    usual, reasons = getattr(gl_context, "GLContext", None), []
+    headless = not has_display() and not os.environ.get("MUJOCO_GL", "").strip()
+    for name in HEADLESS if headless else [""]:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # the reason is in the error below
-                room = import_module(f"mujoco.{name}") if name in HEADLESS else mujoco
-                gl = room.GLContext(model.vis.global_.offwidth, model.vis.global_.offheight)
-                gl.make_current()
-            context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
-            return gl, context
+                if name:  # MuJoCo's renderer takes the backend of MUJOCO_GL as it was imported
+                    gl_context.GLContext = import_module(f"mujoco.{name}").GLContext
+                return mujoco.Renderer(model, *size, max_geom=MOST_SHAPES)
         except Exception as error:  # each backend fails in its own way
             reasons.append(f"{name or 'default'}: {one_line(error)}")
+        finally:
+            gl_context.GLContext = usual
     raise StictionError(
         f"rendering needs OpenGL, and none was found ({'; '.join(reasons)}): install EGL or OSMesa "
         "and set MUJOCO_GL to egl or osmesa"
