@@ -61,8 +61,9 @@ def run(args: argparse.Namespace) -> common.Answer:
         result.write_toml(
             out,
             base=friction_origin(arm, args.friction),
-            table=args.table,
-            provenance=common.run_provenance(args, {**files, "table": args.table}),
+            table=args.table.name,
+            content=args.table.read_bytes(),
+            run=common.run_provenance(args, {**files, "table": args.table}),
         )
     text = f"{result}, written to {out}"
     return common.Answer(result=result, out=out, more={"robot": arm.name}, text=text)

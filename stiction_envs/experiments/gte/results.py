@@ -181,7 +181,8 @@ def _errors(cases: dict[str, list[ErrorRow]], column: str, factor: float) -> Cel
         for k, row in enumerate(axes):
             value, spread = getattr(row, column), getattr(row, f"{column}_std", math.nan)
             text = short(factor * value)
-            text += f" ± {short(factor * spread)}" * math.isfinite(spread)
+            if math.isfinite(spread):
+                text += f" ± {number(factor * spread, len(text.partition('.')[2]))}"
             text += f" ({percent(_share(value, before) - 100, 0)})" * (k > 0)
             line.append(text)
         rows.append(line)
