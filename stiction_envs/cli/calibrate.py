@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     # a file of one's own arm may call it differently
     table = read_base(args.table, arm.registered_name, arm.n)
-    files = common.model_files(args)
+    files = common.model_files(args, arm)
     experiment = SingleJointExperiment(
         arm,
         friction=args.friction,

@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
     dither = () if args.dither is None else read_dither(args.dither, arm)
     inputs = {
-        **common.model_files(args),
+        **common.model_files(args, arm),
         "dither": args.dither,
         "compensation_table": args.compensation_table,
         "trajectory": None if own is None else Path(args.trajectory),

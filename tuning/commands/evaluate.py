@@ -120,9 +120,10 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.comparison import check, evaluate_all
 
-    task = read_task(args, common.read_arm(args).n)
+    arm = common.read_arm(args)
+    task = read_task(args, arm.n)
     check(task, args.policy)
-    inputs = common.model_files(args) | policy_files(task.arm_name, args.policy)
+    inputs = common.model_files(args, arm) | policy_files(task.arm_name, args.policy)
     folder = common.output_folder(args, task.arm_name, inputs)
     with common.working(), Progress("episodes") as progress:
         evaluated = evaluate_all(

@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         options = {"trajectory": "random", **test.arguments.get("fixed_options", {})}
         task = replace(test, arguments={**test.arguments, "fixed_options": options})
     settings = override(policy_settings(), args.settings)
-    inputs = {**common.model_files(args), "settings": args.settings}
+    inputs = {**common.model_files(args, arm), "settings": args.settings}
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     plan = training.Training(
         task=task,
