@@ -132,13 +132,17 @@ def check_fields(settings: Dataclass, what: str) -> None:
         StictionError: a value of another kind or out of range; ``what`` are the settings.
     """
     for name, kind in get_type_hints(type(settings), include_extras=True).items():
-        given = getattr(settings, name)
-        value = given.tolist() if hasattr(given, "tolist") else given  # numpy's numbers count
-        try:
-            object.__setattr__(settings, name, msgspec.convert(value, kind))
-        except msgspec.ValidationError as error:
-            problem = str(error).replace("Expected", "expected")
-            raise StictionError(f"{what} {name} is {value!r}: {problem}") from None
+        object.__setattr__(settings, name, checked(getattr(settings, name), kind, f"{what} {name}"))
+
+
+def checked(value: Any, kind: Any, what: str) -> Any:
+    """Return a value of a kind as `Count`; raise a StictionError that names ``what`` it is."""
+    value = value.tolist() if hasattr(value, "tolist") else value  # numpy's numbers count
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        problem = str(error).replace("Expected", "expected")
+        raise StictionError(f"{what} is {value!r}: {problem}") from None
 
 
 def _values(table: Mapping[str, Any]) -> dict[str, object]:

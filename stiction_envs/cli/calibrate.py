@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     # a file of one's own arm may call it differently
     table = read_base(args.table, arm.registered_name, arm.n)
-    files = common.model_files(args)
+    files = common.model_files(args, arm)
     experiment = SingleJointExperiment(
         arm,
         friction=args.friction,
@@ -61,8 +61,9 @@ def run(args: argparse.Namespace) -> common.Answer:
         result.write_toml(
             out,
             base=friction_origin(arm, args.friction),
-            table=args.table,
-            provenance=common.run_provenance(args, {**files, "table": args.table}),
+            table=args.table.name,
+            content=args.table.read_bytes(),
+            run=common.run_provenance(args, {**files, "table": args.table}),
         )
     text = f"{result}, written to {out}"
     return common.Answer(result=result, out=out, more={"robot": arm.name}, text=text)

@@ -323,12 +323,14 @@ def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) 
     )
 
 
-def model_files(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the files of the arm, of its friction and of its senses."""
+def model_files(args: argparse.Namespace, arm: Arm) -> dict[str, Path | None]:
+    """Return the files of an arm, its friction, senses and compensation, and names of no file."""
     from stiction_envs.friction.sticking import friction_file
     from stiction_envs.robots.registry import robot_files
 
-    friction = friction_file(args.robot, getattr(args, "friction", None))
-    out = {**robot_files(args.robot), "friction": friction}
-    sensing = Path(getattr(args, "sensing", IDEAL))
-    return {**out, "sensing": sensing} if sensing.is_file() else out
+    given = {name: getattr(args, name, None) for name in ("sensing", "compensation")}
+    return {
+        **robot_files(args.robot),
+        "friction": friction_file(arm, getattr(args, "friction", None)),
+        **{name: Path(text) for name, text in given.items() if text is not None},
+    }

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         if args.friction is not None:
             raise StictionError("--from and --friction both name the friction: expected one")
         args.friction = friction_in(args.source)
-    folder = common.output_folder(args, arm.name, common.model_files(args))
+    folder = common.output_folder(args, arm.name, common.model_files(args, arm))
     result = export(arm, args.friction, kind=args.kind, motor=motor)
     with common.working(), folder:
         result.write(folder.path)

@@ -78,6 +78,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Run the experiment; write tables, plots and provenance."""
     arm = common.read_arm(args)
 
+    from stiction_envs.control.compensation_files import is_file
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
     from stiction_envs.experiments.gte.protocol import (
         read_dither,
@@ -86,16 +87,19 @@ def run(args: argparse.Namespace) -> common.Answer:
     )
 
     own = read_trajectory(args.trajectory)
-    if args.compensation_table is not None and (not args.compensation or compensation_file(args)):
+    given = args.compensation
+    if args.compensation_table is not None and (given is None or is_file(given)):
         raise StictionError(
             "--compensation-table: needs --compensation KIND; not with --compensation FILE, which "
             "has gains"
         )
     dither = () if args.dither is None else read_dither(args.dither, arm)
-    inputs = {**common.model_files(args), "dither": args.dither}
-    inputs["compensation"] = compensation_file(args)
-    inputs["compensation_table"] = args.compensation_table
-    inputs["trajectory"] = None if own is None else Path(args.trajectory)
+    inputs = {
+        **common.model_files(args, arm),
+        "dither": args.dither,
+        "compensation_table": args.compensation_table,
+        "trajectory": None if own is None else Path(args.trajectory),
+    }
     bench = GeneratedTrajectoryExperiment(
         arm,
         friction=args.friction,
@@ -108,8 +112,8 @@ def run(args: argparse.Namespace) -> common.Answer:
         threads=args.threads,
     )
     compensation = None
-    if args.compensation is not None:
-        compensation = bench.compensation(args.compensation, table=args.compensation_table)
+    if given is not None:
+        compensation = bench.compensation(given, table=args.compensation_table)
     folder = common.output_folder(args, arm.name, inputs)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
@@ -127,11 +131,3 @@ def run(args: argparse.Namespace) -> common.Answer:
     with common.working(), folder:
         result.write(folder.path)
     return common.Answer(result=result, out=folder.path, more={"seed": args.seed, "failed": None})
-
-
-def compensation_file(args: argparse.Namespace) -> Path | None:
-    """Return the file of gains that the user gave, if any."""
-    from stiction_envs.control.compensation_files import is_file
-
-    given = args.compensation
-    return Path(given) if given is not None and is_file(given) else None

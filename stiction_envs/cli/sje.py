@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     """
     arm = common.read_arm(args)
     folder = common.output_folder(
-        args, arm.name, {**common.model_files(args), "dither": args.dither}
+        args, arm.name, {**common.model_files(args, arm), "dither": args.dither}
     )
 
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment

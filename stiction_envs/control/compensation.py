@@ -30,6 +30,7 @@ from stiction_envs.control.laws.base import (
 )
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.method_settings import Amount, checked
 
 
 def law_named(kind: str) -> Law:
@@ -101,9 +102,7 @@ class Compensation:
 
     def times(self, factor: float) -> Compensation:
         """Return the compensation of ``factor`` times as much friction; raise for a factor < 0."""
-        if not 0 <= factor < np.inf:
-            raise StictionError(f"compensation factor {factor}: expected >= 0")
-        if factor == 0:  # no friction at all has no bristle
+        if checked(factor, Amount, "compensation factor") == 0:  # no friction at all has no bristle
             return self.replace(gain=(0.0,) * self.n)
         scaled = {f.name: self.numbers[f.name] for f in LAWS[self.kind].fields if f.scales}
         scaled["gain"] = self.gain

@@ -25,7 +25,7 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.operational import renew
 from stiction_envs.control.rotation import error_matrix
-from stiction_envs.errors import StictionError, checked_array
+from stiction_envs.errors import checked_array
 from stiction_envs.method_settings import Amount, FinitePositive, Positive, check_fields
 from stiction_envs.robots import Limits
 from stiction_envs.robots.arm_toml import Table, read_toml
@@ -111,10 +111,8 @@ class CartesianImpedance:
     def __init__(self, settings: ImpedanceSettings, nsim: int, limits: Limits) -> None:
         """Make the controllers of ``nsim`` arms with limits (n,); each needs `reset` at first.
 
-        Raise a StictionError for nsim < 1 or a nullspace stiffness that is not one number or (n,).
+        Raise a StictionError for a nullspace stiffness that is not one number or (n,).
         """
-        if nsim < 1:
-            raise StictionError(f"number of simulations {nsim}: expected 1 or more")
         n = len(limits.torque)
         self.settings, self.nsim, self.n = settings, nsim, n
         s = settings

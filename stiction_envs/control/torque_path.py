@@ -17,6 +17,7 @@ from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.impedance import between
 from stiction_envs.errors import StictionError
+from stiction_envs.method_settings import Amount, checked
 from stiction_envs.robots import Arm
 
 CONTROL_RATE_HZ = 1000  # control steps of a simulation per second [Hz] (sources.md 1.8)
@@ -37,8 +38,7 @@ class TorqueInterface:
             raise StictionError(
                 f"controller rate {rate} Hz: expected one of the divisors of {CONTROL_RATE_HZ} Hz"
             )
-        if not 0 <= self.lowpass_hz < np.inf:
-            raise StictionError(f"low-pass {self.lowpass_hz} Hz: expected 0 (off) or above")
+        checked(self.lowpass_hz, Amount, "low-pass [Hz]")
 
     @classmethod
     def of(

@@ -19,9 +19,8 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.control.impedance import GTE_DEFAULTS
 from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.trapezoid import Goals, Movement, Reference, plan, sample
-from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of, read_lines
-from stiction_envs.method_settings import FinitePositive, Positive, check_fields
+from stiction_envs.method_settings import FinitePositive, Positive, Share, check_fields, checked
 
 POSITION = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
@@ -157,8 +156,7 @@ class Path:
     pace: float = 1.0  # Speed of all movements over that of the limits, in (0, 1] [-]
 
     def __post_init__(self) -> None:
-        if not 0 < self.pace <= 1:
-            raise StictionError(f"path {self.name}: pace is {self.pace}: expected over 0 to 1")
+        checked(self.pace, Share, f"path {self.name}: pace")
 
     def goals(self, position: ArrayLike, quaternion: ArrayLike) -> tuple[Array, Array]:
         """Return goals (M, G, 3) [m] and (M, G, 4) for starts (M, 3) [m] and (M, 4)."""

@@ -27,6 +27,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+from stiction_envs.method_settings import Positive, checked
 
 Table = str | Path | Sequence[AmplitudeRow]
 
@@ -120,8 +121,7 @@ class GatedTable(Agent):
                 bounds of the action.
         """
         super().__init__(env)
-        if not speed > 0:
-            raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
+        checked(speed, Positive, "gate speed [rad/s]")
         where = table if isinstance(table, (str, Path)) else "table"
         if table is None:
             rows: Sequence[AmplitudeRow] = usual_table(self.core)

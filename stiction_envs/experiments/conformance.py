@@ -100,9 +100,7 @@ def conformance(
     stiffness, level = np.where(stiffness > 0, stiffness, np.nan), read
     if stiction is not None:
         expected = f"finite numbers from 0 N·m, one for each of {len(hinges)} hinges"
-        level = checked_array(stiction, "stiction", hinges.shape, expected=expected)
-    if (level < 0).any():
-        raise StictionError(f"stiction {level.tolist()} N·m: expected finite numbers from 0")
+        level = checked_array(stiction, "stiction", hinges.shape, expected=expected, low=0.0)
     tested = level > 0
     if not tested.any():
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
@@ -126,7 +124,6 @@ def conformance(
         JointResult(
             name=bare.joint(int(j)).name or f"hinge {j}",
             stiction=float(level[k]),
-            bristle_stiffness=float(stiffness[k]),
             presliding=float(-np.log(1 - s.under) * level[k] / stiffness[k]),
             deflection=float(deflection[k]),
             still=float(still[k]),

@@ -46,8 +46,9 @@ class JointResult:
 
     name: str  # Joint name
     stiction: float  # F_s the joint was tested against [N·m]
-    bristle_stiffness: float  # σ0 of its LuGre bristle [N·m/rad]; NaN where it has none
-    presliding: float  # Deflection that LuGre gives at a slow rise: −ln(1 − ``under``) F_s/σ0 [rad]
+    presliding: float
+    """Deflection that LuGre gives at a slow rise: −ln(1 − ``under``) F_s/σ0 [rad]; NaN where the
+    joint has no bristle."""
     deflection: float  # Motion at the end of the hold, from its start [rad]
     still: float  # Largest excursion over the last seconds of the hold [rad]
     creep: float  # Speed over that time [rad/s]
@@ -124,30 +125,23 @@ class Report(Result):
         if self.refused:
             return f"{self.engine} refused: {self.refused}"
         s = self.settings
-        head = ["joint", "F_s N·m", "deflect. mrad", "LuGre mrad", "motion rad", "creep rad/s"]
-        head += ["go s", *(f"at {rate:g} N·m/s" for rate in self.rates), "sticks"]
         body = [
             [
                 j.name,
                 f"{j.stiction:.4f}",
                 f"{1e3 * j.deflection:.3f}",
-                "-" if np.isnan(j.presliding) else f"{1e3 * j.presliding:.3f}",
                 f"{j.still:.1e}",
-                f"{j.creep:.1e}",
                 f"{j.go_time:.2f}" if j.goes else "stuck",
-                *("stuck" if np.isnan(x) else f"{x:.4f}" for x in j.breakaway),
                 "yes" if j.passed else "NO",
             ]
             for j in self.joints
         ]
         n = sum(j.passed for j in self.joints)
         inside = f" in {self.engine}" if self.engine else ""
-        text = [aligned(head, body)]
-        text.append(
+        head = ["joint", "F_s [N·m]", "deflection [mrad]", "motion [rad]", "go [s]", "sticks"]
+        return (
+            f"{aligned(head, body)}\n"
             f"{n} of {len(self.joints)} joints stick{inside}: under {s.under:.0%} of F_s they move "
             f"less than {s.still:g} rad in the last {s.watched_time:g} s of {s.hold_time:g} s, "
             f"under {s.over:.0%} more than {s.gone:g} rad in {s.go_time:g} s."
         )
-        if self.rates:
-            text.append("Columns with a ramp rate: dry friction torque at breakaway [N·m].")
-        return "\n".join(text)

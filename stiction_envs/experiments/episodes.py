@@ -39,6 +39,8 @@ from stiction_envs.experiments.randomise import (
 from stiction_envs.experiments.rig import Experiment, Rig, count_blocks
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, check_torque_driven
+from stiction_envs.method_settings import Amount, Count, checked
+from stiction_envs.method_settings import Index as WholeNumber
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 
@@ -121,12 +123,8 @@ class Episodes(ABC, Generic[Case, Unit]):
         """
         self._engine_threads = engine_threads
         a = self.arguments(**arguments)
-        if not isinstance(a.max_episode_steps, (int, np.integer)) or a.max_episode_steps < 1:
-            raise StictionError(
-                f"max_episode_steps {a.max_episode_steps}: expected a whole number from 1"
-            )
-        if a.threads < 0:
-            raise StictionError(f"{a.threads} threads: expected whole numbers from 0")
+        self.max_episode_steps = checked(a.max_episode_steps, Count, "max_episode_steps")
+        checked(a.threads, WholeNumber, "threads")
         self.weights = self._weights(a)
         """Weights of the reward's terms by the name of the argument [-]."""
         self.arm = arm = load_arm(a.robot, payload=a.payload, tilt=a.tilt, chain=a.chain)
@@ -141,7 +139,6 @@ class Episodes(ABC, Generic[Case, Unit]):
         self._nominal = e.sticking.parameters
         self._true = true_friction(e.sticking, a.friction_factor)
         self.n, self.num_envs = arm.n, num_envs
-        self.max_episode_steps = int(a.max_episode_steps)
         self.fixed_options = self._check_options(a.fixed_options)
         low, high = action_bounds(self._nominal, find_poses(arm), e.interface)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
@@ -318,9 +315,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         settings, out = self.reward_settings(), {}
         for name in (f.name for f in fields(settings) if f.name.endswith("_weight")):
             given = getattr(a, name)
-            out[name] = float(getattr(settings, name)) if given is None else given
-            if not 0 <= out[name] < np.inf:
-                raise StictionError(f"{name} {out[name]}: expected 0 or above")
+            out[name] = checked(getattr(settings, name) if given is None else given, Amount, name)
         return out
 
     def _penalties(self, ids: Index, share: Array) -> dict[str, Array]:

@@ -8,14 +8,18 @@ the units of observation and reward remain the nominal arm's: they are what a pe
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, scaled
+from stiction_envs.method_settings import FinitePositive, checked
 
+Spread = Annotated[float, msgspec.Meta(ge=0, lt=1)]
 FIELDS: dict[str, tuple[str, ...]] = {
     "friction": ("stiction", "load_coefficient"),
     "rotor": ("rotor_inertia",),
@@ -40,10 +44,7 @@ def check_spreads(
     for name, value in (randomise or {}).items():
         if name not in FIELDS:
             raise unknown("spread to randomise", name, FIELDS)
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not (number and 0 <= value < 1):
-            raise StictionError(f"randomise {name} {value!r}: expected 0 to under 1")
-        spreads[name] = float(value)
+        spreads[name] = checked(value, Spread, f"randomise {name}")
     if not any(spreads.values()):
         return {}
     try:  # the lightest rotor under the stiffest bristles
@@ -57,10 +58,7 @@ def check_spreads(
 
 def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
     """Return the friction of an arm whose fields of ``friction`` are times a factor > 0."""
-    number = isinstance(factor, (int, float)) and not isinstance(factor, bool)
-    if not (number and 0 < factor < np.inf):
-        raise StictionError(f"friction_factor {factor!r}: expected a number above 0")
-    if factor == 1:
+    if checked(factor, FinitePositive, "friction_factor") == 1:
         return sticking.parameters
     return scaled(sticking.parameters, dict.fromkeys(FIELDS["friction"], factor))
 

@@ -20,23 +20,19 @@ from stiction_envs.friction.parameters import (
 )
 from stiction_envs.friction.servos import read_servos
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.registry import known_arm
 
 Robot = str | Path | Arm | StickingModel
 """Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
 Friction = str | Path | FrictionParameters  # Parameters of one arm, or the TOML that holds them
 
 
-def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:
+def friction_file(arm: Arm, given: str | Path | None = None) -> Path:
     """Return the friction TOML that is used: the one given, the robot's, or the generic one.
 
     Raise a StictionError where ``given`` is not a path to a TOML.
     """
     if given is None:
-        if isinstance(robot, Arm):
-            return friction_path(robot.registered_name)
-        known = known_arm(robot)
-        return friction_path(None if known is None else known.name)
+        return friction_path(arm.registered_name)
     if Path(given).suffix != ".toml":
         raise StictionError(f"friction file {given}: expected a path to a .toml")
     return Path(given)

@@ -66,7 +66,7 @@ BAD = {
         "--payload -1 0 0 0": "from 0 kg",
         "--payload 1": "4 arguments",
         "--friction {no.toml}": "not a TOML file",
-        "--sensing {senses.toml}": "angle_noise is -1e-05: expected `float` >= 0.0",
+        "--sensing {senses.toml}": "angle_noise is -1e-05: expected `float` >= 0",
         "--sensing {friction.toml}": "expected a table [sensing]",
         "--out {good.csv}": "is a file",
         "--out {good.csv}/x": "not a folder",

@@ -113,7 +113,7 @@ def test_bad_numbers(change, words):
 def test_compensation_that_does_not_fit_is_refused():
     with pytest.raises(StictionError, match="2 joints: expected 7"):
         loads(Compensation(kind="push", gain=(1.0, 1.0)))
-    with pytest.raises(StictionError, match="factor -1"):
+    with pytest.raises(StictionError, match="factor is -1"):
         Compensation.from_friction("push", load_friction("panda", 7), -1)
 
 

@@ -294,7 +294,7 @@ def test_pace_stretches_every_movement_of_its_arm_in_time():
 
 @pytest.mark.parametrize("pace", [0.0, -1.0, 1.2, float("nan")])
 def test_a_pace_is_over_zero_to_one(pace):
-    with pytest.raises(StictionError, match=f"path fast: pace is {pace}: expected over 0 to 1"):
+    with pytest.raises(StictionError, match=f"path fast: pace is {pace}: expected `float`"):
         Path("fast", np.zeros((1, 3)), HERE[None], pace)
 
 

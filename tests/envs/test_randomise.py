@@ -70,9 +70,9 @@ def test_factors_stay_within_their_spread_and_differ_by_joint():
     ("randomise", "words"),
     [
         ({"mass": 0.1}, "spread to randomise 'mass': expected one of friction, rotor, bristles"),
-        ({"friction": 1.0}, "randomise friction 1.0: expected 0 to under 1"),
-        ({"friction": float("nan")}, "randomise friction nan"),
-        ({"friction": "a"}, "randomise friction 'a'"),
+        ({"friction": 1.0}, "randomise friction is 1.0: expected `float` < 1"),
+        ({"friction": float("nan")}, "randomise friction is nan"),
+        ({"friction": "a"}, "randomise friction is 'a'"),
         ({"rotor": 0.999, "bristles": 0.9}, "randomise .*bristle"),
         (0.2, "randomise is a float: expected a dict"),
     ],

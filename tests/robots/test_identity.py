@@ -10,7 +10,7 @@ import pytest
 
 from stiction_envs.cli.view import usual_dither
 from stiction_envs.experiments.gte.rows import thesis_final_dither
-from stiction_envs.friction.parameters import QUANTITIES, load_friction
+from stiction_envs.friction.parameters import GENERIC, QUANTITIES, load_friction
 from stiction_envs.friction.sticking import friction_file, sticking_model
 from stiction_envs.robots import ARMS, arm_title, load_arm
 from tests.robots.arms import chain
@@ -31,7 +31,7 @@ def same_friction(one, other) -> bool:
 def test_a_strangers_file_is_no_arm_of_ours_whatever_its_name(stranger: Path):
     arm = load_arm(stranger)
     assert (arm.name, arm.registered_name, arm_title(arm.name)) == ("panda.xml", None, "panda.xml")
-    assert friction_file(stranger) == friction_file(arm) == friction_file("no such arm")
+    assert friction_file(arm) == GENERIC
     model = sticking_model(stranger)
     assert same_friction(model.parameters, load_friction(None))
     assert not same_friction(model.parameters, load_friction("panda"))
@@ -45,7 +45,7 @@ def test_a_copy_of_an_arm_of_the_package_is_that_arm(tmp_path: Path, name: str):
     arm = load_arm(copy)
     assert arm.registered_name == arm.name == name
     assert arm.fingerprint == load_arm(name).fingerprint
-    assert friction_file(copy) == friction_file(name)
+    assert friction_file(arm) == friction_file(load_arm(name))
     shutil.copyfile(ARMS[name].toml, copy.with_suffix(".toml"))
     assert load_arm(copy).registered_name == name
     copy.with_suffix(".toml").write_text("[limits.torque]\nvalue = 20\n", "utf-8")

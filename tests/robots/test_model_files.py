@@ -34,7 +34,7 @@ def test_a_folder_is_the_arm_that_its_scene_includes(folder: Path) -> None:
     assert arm.xml == load_arm(folder / "three.xml").xml
     assert load_arm(str(folder)).joint_names == arm.joint_names
     assert robot_files(folder)["robot"] == folder / "three.xml"
-    assert friction_file(folder).name == "generic.toml"
+    assert friction_file(arm).name == "generic.toml"
 
 
 def test_a_folder_with_one_model_needs_no_scene(folder: Path, tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
-from stiction_envs.cli.gte import compensation_file
 from stiction_envs.cli.progress import Progress
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
@@ -121,11 +120,10 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.comparison import check, evaluate_all
 
-    task = read_task(args, common.read_arm(args).n)
+    arm = common.read_arm(args)
+    task = read_task(args, arm.n)
     check(task, args.policy)
-    inputs: dict[str, Path | None] = {**common.model_files(args)}
-    inputs |= policy_files(task.arm_name, args.policy)
-    inputs["compensation"] = compensation_file(args)
+    inputs = common.model_files(args, arm) | policy_files(task.arm_name, args.policy)
     folder = common.output_folder(args, task.arm_name, inputs)
     with common.working(), Progress("episodes") as progress:
         evaluated = evaluate_all(

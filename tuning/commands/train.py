@@ -6,7 +6,6 @@ import argparse
 from dataclasses import replace
 
 from stiction_envs.cli import common
-from stiction_envs.cli.gte import compensation_file
 from stiction_envs.cli.progress import Progress
 from tuning.commands import evaluate
 from tuning.names import ALGORITHMS, CHECKPOINT_EVERY
@@ -59,8 +58,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         options = {"trajectory": "random", **test.arguments.get("fixed_options", {})}
         task = replace(test, arguments={**test.arguments, "fixed_options": options})
     settings = override(policy_settings(), args.settings)
-    inputs = {**common.model_files(args), "settings": args.settings}
-    inputs["compensation"] = compensation_file(args)
+    inputs = {**common.model_files(args, arm), "settings": args.settings}
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     plan = training.Training(
         task=task,

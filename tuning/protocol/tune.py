@@ -12,7 +12,7 @@ from pathlib import Path
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.dither.dither import check_frequency
 from stiction_envs.errors import StictionError, checked_array
-from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
+from stiction_envs.experiments.sje.calibrate import calibrate
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.model import build
@@ -20,7 +20,6 @@ from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.friction.sticking import Friction, Robot, friction_origin
 from stiction_envs.measured import AmplitudeRow, BaseTable, read_base
 from stiction_envs.method_settings import Changes, override
-from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.provenance import Provenance
@@ -246,7 +245,7 @@ def _calibrated(
             progress=lambda k, _: progress("calibrate", k, 10),
         )
         name, content = f"base torques of {table.robot}", repr(table.tau.tolist()).encode()
-        write_text_atomic(path, calibrated_toml(result, origin, name, content))
+        result.write_toml(path, base=origin, table=name, content=content)
     arm, timestep = experiment.sticking.arm, experiment.sticking.timestep
     sticking = build(arm, load_friction(path, arm.n), timestep=timestep)
     return experiment.replace(sticking=sticking)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.control.impedance import ImpedanceSettings
+from stiction_envs.control.impedance import ImpedanceSettings, Ratio
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.trajectory import POSITION, MotionLimits
 from stiction_envs.errors import StictionError, unknown
@@ -33,7 +33,7 @@ from stiction_envs.experiments.gte.protocol import (
     AXES,
     PATHS,
     TRAJECTORIES,
-    Case,
+    Stiffness,
     episode_settings,
     gte_reward_settings,
     pose_error,
@@ -49,6 +49,8 @@ from stiction_envs.experiments.gte.sampling import Recorder
 from stiction_envs.experiments.gte.undithered import Key, Undithered, undithered
 from stiction_envs.experiments.observation import DITHER, TORQUE, Checked, Elements, named_options
 from stiction_envs.friction.sticking import Friction
+from stiction_envs.method_settings import Count, checked
+from stiction_envs.method_settings import Index as WholeNumber
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 
@@ -113,30 +115,22 @@ class GTEEpisodes(Episodes[Key, Undithered]):
                 raise unknown("trajectory", trajectory, expected)
         for name in ("path", "iteration"):
             if name in out:
-                out[name] = _number(name, out[name])
+                out[name] = checked(out[name], WholeNumber, name)
         if "path" in out and out.setdefault("trajectory", RANDOM) != RANDOM:
             raise StictionError(
                 f"path {out['path']} of trajectory {out['trajectory']!r}: expected {RANDOM!r}"
             )
         if "stiffness" in out:
-            value = out["stiffness"]
-            try:
-                numbers = [float(k) for k in value]
-            except (TypeError, ValueError):
-                raise StictionError(f"stiffness {value!r}: expected three numbers") from None
-            out["stiffness"] = tuple(numbers)
-            Case(trajectory=TRAJECTORIES[0], stiffness=out["stiffness"])
+            out["stiffness"] = checked(out["stiffness"], Stiffness, "stiffness")
         return out
 
     def _experiment(
         self, a: GTEArguments, arm: Arm, friction: Friction | None
     ) -> GeneratedTrajectoryExperiment:
         given = a.random_paths
-        self.random_paths = episode_settings().random_paths if given is None else given
-        if not isinstance(self.random_paths, (int, np.integer)) or self.random_paths < 1:
-            raise StictionError(f"random_paths {given!r}: expected a whole number from 1")
-        if not self.weights["settling_weight"] <= 1:
-            raise StictionError(f"settling_weight {a.settling_weight}: expected 0 to 1")
+        usual = episode_settings().random_paths
+        self.random_paths = checked(usual if given is None else given, Count, "random_paths")
+        checked(self.weights["settling_weight"], Ratio, "settling_weight")
         return GeneratedTrajectoryExperiment(
             arm,
             friction=friction,
@@ -363,9 +357,3 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             "path": np.array([-1 if k is None else k for k in numbers], dtype=np.int64),
             "stiffness": self._stiffness[ids],
         }
-
-
-def _number(name: str, value: object) -> int:
-    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 0:
-        raise StictionError(f"{name} {value!r}: expected a whole number from 0")
-    return int(value)

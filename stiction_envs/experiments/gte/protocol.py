@@ -15,10 +15,18 @@ from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.trajectory import Path, pentagon, read_path, triangle
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
-from stiction_envs.method_settings import Count, Positive, Share, load_settings, override
+from stiction_envs.method_settings import (
+    Amount,
+    Count,
+    Positive,
+    Share,
+    checked,
+    load_settings,
+    override,
+)
 from stiction_envs.robots import Arm
 
-Stiffness = tuple[float, float, float]  # Translational [N/m], rotational and nullspace [N·m/rad]
+Stiffness = tuple[Amount, Amount, Amount]  # Translational [N/m], rotational and nullspace [N·m/rad]
 _TOML = File(__file__).with_name("gte.toml")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 PATHS: dict[str, Callable[[], Path]] = {"triangle": triangle, "pentagon": pentagon}
@@ -94,10 +102,7 @@ class Case:
     compensation: Compensation | None = None  # Compensation of the joints' friction; None is none
 
     def __post_init__(self) -> None:
-        if len(self.stiffness) != 3 or not all(0 <= k < np.inf for k in self.stiffness):
-            raise StictionError(
-                f"stiffness {self.stiffness}: expected three finite numbers >= 0 (KT KR KN)"
-            )
+        checked(self.stiffness, Stiffness, "stiffness KT KR KN")
 
     @property
     def dithered(self) -> bool:

@@ -76,17 +76,11 @@ class TrackingErrors(Result):
         return f"<TrackingErrors of {self.robot}: {len(self.runs)} cases>"
 
     def __str__(self) -> str:
-        rows = self.rows
-        cases = [[r for r in rows if r.case == run.case] for run in self.run_rows]
-        base, *others = cases
-        header = ["sum of |error|", _words(base[0].case)]
-        header += [x for other in others for x in (_words(other[0].case), "change")]
-        lines = []
-        for k, row in enumerate(base):
-            line = [f"{row.axis} [{row.unit}·samples]", _sum(row)]
-            line += [x for other in others for x in (_sum(other[k]), _change(row, other[k]))]
-            lines.append(line)
-        return "\n".join([aligned(header, lines), *map(_run_text, self.run_rows)])
+        runs = self.run_rows
+        sums = _errors(_by_case(self.rows), "window_sum", 1.0)
+        title = "sum of |error| over the samples of the window\n"
+        texts = [title + aligned(*sums), aligned(*_runs(runs)), _trouble(runs)]
+        return "\n\n".join(filter(None, texts))
 
 
 def _words(case: str) -> str:
@@ -97,31 +91,9 @@ def _words(case: str) -> str:
     return case.replace("_", " ")
 
 
-def _change(row: ErrorRow, other: ErrorRow) -> str:
-    """Return by how much an error differs; an arm may not move along an axis at all."""
-    return percent(100 * (other.window_sum / row.window_sum - 1)) if row.window_sum else "–"
-
-
-def _run_text(r: RunRow) -> str:
-    text = f"{_words(r.case)}: {r.duration_s:.2f} s, "
-    text += f"vibration {1e3 * r.vibration_m:.3f} mm "
-    text += f"({1e3 * r.vibration_at_rest_m:.3f} mm at rest), "
-    text += f"dither energy {r.dither_energy_j:.2f} J, "
-    text += f"torque rate up to {r.peak_torque_rate_nm_s:.0f} N·m/s"
-    if r.goals_missed:
-        text += f", {r.goals_missed} goals left beyond the tolerance"
-    if r.singular or r.near_limit:
-        text += f", iterations singular {r.singular}, near a limit {r.near_limit}"
-    return text
-
-
-def _sum(row: ErrorRow) -> str:
-    spread = "" if row.iterations == 1 else f" ± {row.window_sum_std:.3f}"
-    return f"{row.window_sum:.3f}{spread}"
-
-
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MILLI = 1e3
+Cells = tuple[list[str], list[list[str]]]  # Header and lines of a table
 
 
 def write_report(
@@ -130,7 +102,7 @@ def write_report(
     """Write both pages; cases are compared with the first, without dither and compensation."""
     from stiction_envs.reporting.templates import write_md_and_html
 
-    cases = {run.case: [r for r in rows if r.case == run.case] for run in runs}
+    cases = _by_case(rows)
     first = runs[0]
     base = _left(cases[first.case])
     name = arm_title(first.robot)
@@ -159,10 +131,17 @@ def write_report(
         stiffness=f"{first.stiffness_translation:g} N/m, {first.stiffness_rotation:g} N·m/rad, "
         f"nullspace {first.stiffness_nullspace:g} N·m/rad",
         iterations=first.iterations,
-        left=_errors(cases, "settling", MILLI),
-        window=_errors(cases, "window_sum", 1.0),
-        runs=_runs(runs),
+        left=table_text(*_errors(cases, "settling", MILLI)),
+        window=table_text(*_errors(cases, "window_sum", 1.0)),
+        runs=table_text(*_runs(runs)),
     )
+
+
+def _by_case(rows: Sequence[ErrorRow]) -> dict[str, list[ErrorRow]]:
+    cases: dict[str, list[ErrorRow]] = {}
+    for row in rows:
+        cases.setdefault(row.case, []).append(row)
+    return cases
 
 
 def _left(rows: Sequence[ErrorRow]) -> tuple[float, float]:
@@ -192,24 +171,27 @@ def _trouble(runs: Sequence[RunRow]) -> str:
     return "; ".join(found)
 
 
-def _errors(cases: dict[str, list[ErrorRow]], column: str, factor: float) -> str:
-    """Return a table of one error, an axis in a line; other cases with their change."""
-    base, *others = cases.values()
+def _errors(cases: dict[str, list[ErrorRow]], column: str, factor: float) -> Cells:
+    """Return header and cells of one error, an axis in a line; other cases with their change."""
     milli = "m" if factor == MILLI else ""
     rows = []
-    for k, axis in enumerate(base):
-        before = getattr(axis, column)
-        line = [f"{axis.axis} [{milli}{axis.unit}]", short(factor * before)]
-        for case in others:
-            value = getattr(case[k], column)
-            line.append(f"{short(factor * value)} ({percent(_share(value, before) - 100, 0)})")
+    for axes in zip(*cases.values(), strict=True):
+        before = getattr(axes[0], column)
+        line = [f"{axes[0].axis} [{milli}{axes[0].unit}]"]
+        for k, row in enumerate(axes):
+            value, spread = getattr(row, column), getattr(row, f"{column}_std", math.nan)
+            text = short(factor * value)
+            if math.isfinite(spread):
+                text += f" ± {number(factor * spread, len(text.partition('.')[2]))}"
+            text += f" ({percent(_share(value, before) - 100, 0)})" * (k > 0)
+            line.append(text)
         rows.append(line)
-    return table_text(["axis", *(_words(name) for name in cases)], rows)
+    return ["axis", *(_words(name) for name in cases)], rows
 
 
-def _runs(runs: Sequence[RunRow]) -> str:
+def _runs(runs: Sequence[RunRow]) -> Cells:
     header = ["case", "duration [s]", "vibration [mm]", "at rest [mm]", "dither energy [J]"]
-    return table_text(
+    return (
         [*header, "torque rate up to [N·m/s]", "goals missed"],
         [
             [

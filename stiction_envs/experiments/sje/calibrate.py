@@ -14,10 +14,9 @@ with the friction the arm has, or with the table's where that is far off.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -31,6 +30,7 @@ from stiction_envs.friction.parameters import FrictionParameters, dump_friction,
 from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import aligned, joints, percent
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.arm_toml import read_toml
 
@@ -80,22 +80,45 @@ class Calibration:
         path: Path,
         *,
         base: str | Path | FrictionParameters | None,
-        table: Path,
-        provenance: Mapping[str, Any],
+        table: str,
+        content: bytes,
+        run: Provenance | None = None,
     ) -> None:
-        """Write the friction TOML, provenance of the run inside; its folder is made.
+        """Write the friction TOML, provenance inside; its folder is made.
 
-        ``base`` is the friction that the calibration began with, ``table`` the file of the torques.
+        What was not found keeps its sources, and servos are kept.
+
+        Args:
+            path: of the file.
+            base: friction that the calibration began with.
+            table: name of the file of the measured torques.
+            content: bytes of that file.
+            run: provenance of the command.
         """
-        inputs = {k: v["sha256"] for k, v in provenance["inputs"].items()}
-        strings = {
-            "arguments_sha256": provenance["arguments_sha256"],
-            "git_commit": provenance["git_commit"] or "none: not run from a checkout",
-            "seed": str(provenance["seed"]),
-            **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
-            "versions": ", ".join(f"{k} {v}" for k, v in provenance["versions"].items()),
+        sources, meta = friction_sources(base)
+        found = f"calibrated: `stiction calibrate` on {table}"
+        for name in ("stiction", "load_low", "load_high", "offset", "gravity_error"):
+            sources[name] = found
+        sources["load_coefficient"] = found
+        if self.negative_load:
+            sources["load_coefficient"] += (
+                f"; negative for joints {', '.join(map(str, self.negative_load))}: measured "
+                "friction was smaller in the load pose, which load does not explain; kept so that "
+                "both poses are met"
+            )
+        made = {} if run is None else _strings(run)
+        made |= {
+            "method": "stiction_envs.experiments.sje.calibrate: simulate, correct, repeat",
+            "table": table,
+            "table_sha256": hashlib.sha256(content).hexdigest(),
+            "rounds": str(self.rounds),
+            "largest_relative_error": repr(self.error),
+            "scatter": "off",
         }
-        text = calibrated_toml(self, base, table.name, table.read_bytes(), strings)
+        text = dump_friction(self.parameters, sources=sources, meta=meta, provenance=made)
+        if isinstance(base, str | Path) and Path(base).suffix == ".toml":
+            servo = read_toml(Path(base)).get("servo")
+            text += "" if servo is None else "\n" + toml_text({"servo": servo})
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text_atomic(path, text)
 
@@ -224,44 +247,13 @@ def calibrate(
     return best
 
 
-def calibrated_toml(
-    result: Calibration,
-    base: str | Path | FrictionParameters | None,
-    table_name: str,
-    table_text: bytes,
-    run: Mapping[str, str] | None = None,
-) -> str:
-    """Return the friction TOML of a calibration that began with friction ``base``.
-
-    What was not found keeps its sources, and servos are kept. ``table_text`` are the bytes of the
-    measured table; ``run`` is what else the provenance says.
-    """
-    sources, meta = friction_sources(base)
-    found = f"calibrated: `stiction calibrate` on {table_name}"
-    for name in ("stiction", "load_low", "load_high", "offset", "gravity_error"):
-        sources[name] = found
-    sources["load_coefficient"] = found
-    if result.negative_load:
-        joints = ", ".join(map(str, result.negative_load))
-        sources["load_coefficient"] += (
-            f"; negative for joints {joints}: measured friction was smaller in the load pose, "
-            "which load does not explain; kept so that both poses are met"
-        )
-    text = dump_friction(
-        result.parameters,
-        sources=sources,
-        meta=meta,
-        provenance={
-            **(run or {}),
-            "method": "stiction_envs.experiments.sje.calibrate: simulate, correct, repeat",
-            "table": table_name,
-            "table_sha256": hashlib.sha256(table_text).hexdigest(),
-            "rounds": str(result.rounds),
-            "largest_relative_error": repr(result.error),
-            "scatter": "off",
-        },
-    )
-    if not isinstance(base, str | Path) or Path(base).suffix != ".toml":
-        return text
-    servo = read_toml(Path(base)).get("servo")
-    return text if servo is None else text + "\n" + toml_text({"servo": servo})
+def _strings(run: Provenance) -> dict[str, str]:
+    """Return what a friction TOML keeps of a command's provenance."""
+    inputs = {k: v["sha256"] for k, v in run["inputs"].items()}
+    return {
+        "arguments_sha256": run["arguments_sha256"],
+        "git_commit": run["git_commit"] or "none: not run from a checkout",
+        "seed": str(run["seed"]),
+        **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
+        "versions": ", ".join(f"{k} {v}" for k, v in run["versions"].items()),
+    }

@@ -152,29 +152,7 @@ class BreakawayTorques(Result):
         return f"<BreakawayTorques of {self.robot}: {text}, {len(self.stuck)} stuck>"
 
     def __str__(self) -> str:
-        header = ["configuration", "base τ_b [N·m]", "dither", "τ_SJE [N·m]", "change"]
-        base = {_key(r): r for r in self.rows if not r.amplitude_nm}
-        dithered = {_key(r): r for r in self.rows if r.amplitude_nm}
-        lines = []
-        for key in dict.fromkeys([*base, *dithered]):
-            name = f"Joint {key[0]} {POSES[key[1]]} ({key[2]})"
-            line, row = [name, _torque(base.get(key)), "-", "-", "-"], dithered.get(key)
-            if row is not None:
-                drive = f"{row.frequency_hz:g} Hz, {row.amplitude_nm:.3f} N·m"
-                line[2:] = drive, _torque(row), percent(-100 * row.reduction)
-            lines.append(line[: None if dithered else 2])
-        return aligned(header[: None if dithered else 2], lines)
-
-
-def _key(row: SJERow) -> tuple[int, str, str]:
-    return row.joint, row.load, row.direction
-
-
-def _torque(row: SJERow | None) -> str:
-    if row is None:
-        return "stuck"
-    spread = "" if row.iterations == 1 else f" ± {row.std_nm:.4f}"
-    return f"{row.tau_nm:+.4f}{spread}"
+        return aligned(*_table(self.rows, self.servo_stiffness))
 
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
@@ -213,14 +191,17 @@ def write_report(folder: Path, result: BreakawayTorques, pictures: Sequence[str]
         highest=abs(by_torque[-1].tau_nm),
         iterations=max(row.iterations for row in rows),
         protocol=result.protocol,
-        table=_table(rows, servos),
+        table=table_text(*_table(rows, servos)),
         servos=servos is not None,
         pictures=list(pictures),
         stuck=result.describe_stuck(),
     )
 
 
-def _table(rows: Sequence[SJERow], stiffness: NDArray[np.float64] | None) -> str:
+def _table(
+    rows: Sequence[SJERow], stiffness: NDArray[np.float64] | None
+) -> tuple[list[str], list[list[str]]]:
+    """Return header and cells of the table of all torques."""
     header = ["joint", "pose", "direction", "dither", "τ [N·m]", "std [N·m]", "change"]
     cells = [
         [
@@ -240,4 +221,4 @@ def _table(rows: Sequence[SJERow], stiffness: NDArray[np.float64] | None) -> str
             angle = 1e3 / float(stiffness[row.joint - 1])
             shaken = number(row.amplitude_nm * angle, 1) if row.amplitude_nm else "–"
             line[5:5] = [signed(row.tau_nm * angle, 1), shaken]
-    return table_text(header, cells)
+    return header, cells

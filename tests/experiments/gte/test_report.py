@@ -41,7 +41,7 @@ def test_shares_are_of_what_is_left_without_dither(report):
     )
     assert "13.000 mm of vibration (13.000 mm at rest)" in verdict
     assert "| y [mm] | 4.00 | 0 (−100 %) |" in text
-    assert "| roll [rad] | 2.00 | 0.400 (−80 %) |" in text
+    assert "| roll [rad] | 2.00 ± 0.00 | 0.400 ± 0.000 (−80 %) |" in text
     assert page.index("leaves 60 %") < page.index("<img ") < page.index("<table")
     assert "http" not in page
 
