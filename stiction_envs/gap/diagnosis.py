@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
@@ -37,7 +37,6 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 SAME_GAIN = 0.005
 """Error of a torque's factor that is not worth another search [-]; assumed."""
 OTHER_GAIN = 0.1
@@ -217,7 +216,7 @@ def diagnose_signals(
     return _conclude(baseline, base, read, signals, judged, seed, say)
 
 
-def _gains(judged: Judged) -> tuple[Array, NDArray[np.bool_]]:
+def _gains(judged: Judged) -> tuple[Array, Bools]:
     """Return (n,) gains of the joints' torques, and (n,) whether they are well known."""
     predictor, terms, c = judged.predictor, judged.terms, judged.coefficients
     slopes = gains(predictor, terms, np.eye(len(c))) - 1

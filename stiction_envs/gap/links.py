@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes.body.bodies import link_basis, link_factor, link_squares
 from stiction_envs.gap.judge.judgement import WIDTH
 from stiction_envs.gap.judge.problem import LINKS, Term
@@ -20,7 +20,6 @@ from stiction_envs.robots.consistent import nearest_bodies
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
-Array = NDArray[np.float64]
 ROUNDING = 1e-10
 """Eigenvalues of correlations, over the largest, that are rounding [-]; assumed."""
 

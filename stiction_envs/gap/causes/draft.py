@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters
 
-Array = NDArray[np.float64]
 STRIBECK = 0.05
 """Stribeck velocity where none was found [rad/s]: without effect; assumed."""
 WARM_UP_TIME = 1200.0

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.judge.bounded_fit import solve
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 ARM = -1
 """The joint's number of a `Term` of the whole arm."""
 LINKS = (-1.0,)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.causes.base import DRY, FRICTION, GRAVITY, OF_ARM
 from stiction_envs.gap.causes.body.bodies import leaned
@@ -30,7 +30,6 @@ from stiction_envs.gap.predictors.torque import FOLDS, PARTS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import presliding_distances
 
-Array = NDArray[np.float64]
 ROUNDS = 4
 """Largest number of searches, each with the columns given the model before [-]; assumed."""
 STARTS = (0.1, 1.0)

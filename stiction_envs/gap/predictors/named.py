@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes.base import ALL_LINKS
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import Draws
@@ -15,7 +15,6 @@ from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.judge.search import Search
 from stiction_envs.gap.predictors.judged import Judged, search_of
 
-Array = NDArray[np.float64]
 FAR = 5.0
 """Number of robust standard deviations at which draws are clipped [-]; assumed: a quotient whose
 divisor comes near zero has no variance."""

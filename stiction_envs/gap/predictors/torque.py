@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.base import (
     ALL_LINKS,
@@ -33,8 +34,6 @@ from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 APART = 0.25
 """Time between independent observations [s]; assumed."""
 PARTS = (1.0, 0.1)
@@ -406,7 +405,7 @@ def lasting(error: Array, signal: Array, block: Index, rows: int) -> float:
     return total
 
 
-def resting(data: Data) -> NDArray[np.bool_]:
+def resting(data: Data) -> Bools:
     """Return (T, n) where a joint rests below its steady friction, but not most of the time."""
     if not np.isfinite(data.dt):
         return np.zeros(data.q.shape, dtype=bool)

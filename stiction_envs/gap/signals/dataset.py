@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.signals.bristle import grown
 from stiction_envs.gap.signals.friction_state import (
@@ -25,7 +25,6 @@ from stiction_envs.gap.signals.recording import Recording, join
 from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque, reach_of
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 NOT_MEASURED = 1e6
 """Noise floor of a torque that is not measured [N·m]: it has no weight."""
 
@@ -119,12 +118,12 @@ class Data:
         return self.recording.reversal_path
 
     @property
-    def block(self) -> NDArray[np.int64]:
+    def block(self) -> Index:
         """(T,) number of the block that is held out together, −1 in a guard."""
         return self.recording.block
 
     @property
-    def measured(self) -> NDArray[np.bool_]:
+    def measured(self) -> Bools:
         """(n,) whether each joint's torque is a measurement."""
         return self.noise < NOT_MEASURED
 

@@ -22,9 +22,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.signals.angles import AngleError, angle_error, least_load, others_of
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
@@ -32,8 +32,6 @@ from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED, TRAVEL_SPAN
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 MOST_ROWS = 2000
 """Rows of a log that are used, evenly spaced [-]; assumed, to limit the time."""
 APART = 0.25
@@ -84,15 +82,15 @@ class Loads:
     """(n,) what gravity and inertia need, root mean square [N·m]."""
     logged: Array
     """(n,) logged torque, the same [N·m]."""
-    sign: NDArray[np.int64]
+    sign: Index
     """(n,) 1 where the torque drives the joint, -1 where it is opposite, 0 where nothing shows."""
-    by_load: Flags
+    by_load: Bools
     """(n,) whether a load that changes shows the sign."""
     lacks_gravity: bool
     """Whether gravity does not show, where friction or inertia does."""
-    measured: Flags
+    measured: Bools
     """(n,) False where the torque is noise, although motion and load need some."""
-    held: Flags
+    held: Bools
     """(n,) whether a joint rests, and its friction can hold what is due."""
     gravity: Array
     """(3,) direction of gravity in the world that the torques fit best."""
@@ -302,15 +300,15 @@ def _factors(fits: Sequence[_Fit]) -> tuple[Array, Array]:
     return c, 1.96 * np.sqrt(variance)
 
 
-def _sure(clear: Array, fits: Sequence[_Fit]) -> Flags:
+def _sure(clear: Array, fits: Sequence[_Fit]) -> Bools:
     """Return whether values over their deviations (n,) are certain, and most of what is left."""
     rows = np.array([f.rows for f in fits])
     return (np.abs(clear) > CLEAR) & (clear**2 > CORRELATED**2 * (clear**2 + rows))
 
 
 def _signs(
-    loaded: Array, changing: Flags, resisting: Array, held: Flags, fits: Sequence[_Fit]
-) -> tuple[NDArray[np.int64], Flags]:
+    loaded: Array, changing: Bools, resisting: Array, held: Bools, fits: Sequence[_Fit]
+) -> tuple[Index, Bools]:
     """Return (n,) signs, and where a load that changes shows them.
 
     ``loaded`` and ``resisting`` are the factor of the load and the resistance of friction and
@@ -343,7 +341,7 @@ def _signs(
     return sign, changing
 
 
-def _direction(fits: Sequence[_Fit], sign: NDArray[np.int64], down: Array) -> Array:
+def _direction(fits: Sequence[_Fit], sign: Index, down: Array) -> Array:
     """Return (3,) the direction of gravity that fits the free torques of all joints best."""
     if not fits:
         return down

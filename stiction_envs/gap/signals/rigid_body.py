@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.robots import Arm
-
-Array = NDArray[np.float64]
 
 
 def reach_of(model: pin.Model) -> float:

@@ -21,6 +21,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.robots import Arm, mjcf
 from stiction_envs.robots.arm_toml import payload_radius
@@ -33,7 +34,6 @@ from stiction_envs.robots.regressor import (
     torque_regressor,
 )
 
-Array = NDArray[np.float64]
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _SPREADS = np.zeros((6, 3, 3))
 for _k, (_a, _b) in enumerate(_PAIRS):

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Index
 from stiction_envs.compiled import compiled
 from stiction_envs.gap.causes.base import (
     ALL_OF_ONE,
@@ -166,7 +166,7 @@ def _swing(
     load: Array,
     mass: Array,
     slope: Array,
-    segment: NDArray[np.int64],
+    segment: Index,
     stiffness: Array,
     ratio: Array,
     h: float,
