@@ -77,8 +77,8 @@ def row_of(d: Diagnosis, shown: Any) -> Row:
     data = d.data
     shown = [j - 1 for j in shown]
     rms = {k: v.tolist() for k, v in usual(d).items()} | {"extended": d.extended_rms.tolist()}
-    at = np.unique(np.linspace(0, len(data.t) - 1, DRAWN).astype(int))
-    clock = np.cumsum(np.r_[0.0, np.clip(np.diff(data.t), 0.0, 1.0)])
+    at = np.unique(np.linspace(0, len(data.q) - 1, DRAWN).astype(int))
+    clock = np.cumsum(np.r_[0.0, np.clip(np.diff(data.recording.t), 0.0, 1.0)])
     samples = {
         str(j): {
             "t": clock[at].tolist(),
@@ -95,9 +95,9 @@ def row_of(d: Diagnosis, shown: Any) -> Row:
         "shown": [j + 1 for j in shown],
         "rms": rms,
         "noise": data.noise.tolist(),
-        "cutoff_hz": data.cutoff,
+        "cutoff_hz": data.recording.cutoff,
         "blocks": data.blocks,
-        "rows": len(data.t),
+        "rows": len(data.q),
         "causes": d.to_json()["causes"],
         "samples": samples,
     }
@@ -126,7 +126,7 @@ def usual(d: Diagnosis) -> dict[str, np.ndarray]:
     Given published masses, whatever the baseline of the tool was.
     """
     data = d.base
-    one = np.ones((len(data.t), 1))
+    one = np.ones((len(data.q), 1))
     friction = [
         np.column_stack([data.smooth(data.direction(j)), data.dq[:, j]]) for j in range(data.n)
     ]

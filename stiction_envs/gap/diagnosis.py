@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.arrays import Array, Bools
+from stiction_envs.arrays import Array, Bools, rms
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
@@ -76,14 +76,6 @@ class Diagnosis(Judgement):
     """The logs against the nominal friction, without causes of earlier diagnoses."""
     baseline: Nominal
     """The nominal model."""
-    torque_sign: int
-    """1 where the logs' torques drive the joints, -1 where they were inverted; 0 where unknown."""
-    torque_unit: Array | None = None
-    """(n,) or (1,) what 1 N·m is in the unit of the logs' torques; None for N·m."""
-    findings: tuple[str, ...] = ()
-    """What is wrong with units, channels and mounting."""
-    set_up: bool = False
-    """Whether mounting or a joint's direction differ, with which nothing else can be named."""
     notes: tuple[str, ...] = ()
     """How the signals and the noise floor were computed."""
 
@@ -202,7 +194,8 @@ def diagnose_signals(
     if signals.set_up:  # the model is another arm: whatever is named beside that, is false
         causes = [c for c in causes if c.adds_to == ALL_LINKS]
     if signals.zero_off is not None:
-        causes = [c.near(signals.zero_off) if isinstance(c, EncoderOffset) else c for c in causes]
+        far = EncoderOffset(signals.zero_off)
+        causes = [far if isinstance(c, EncoderOffset) else c for c in causes]
     judged = judge(data, causes, say)
     gain, known = _gains(judged)
     off = known & (np.abs(gain - 1) > (SAME_GAIN if data.converted else OTHER_GAIN))
@@ -212,8 +205,8 @@ def diagnose_signals(
         other_base = compare(other_signals)
         again = judge(baseline.extend(other_base), causes, say)
         if _gains(again)[1][off].all():  # else, something takes the gain's place
-            judged, read, signals, base = again, other_read, other_signals, other_base
-    return _conclude(baseline, base, read, signals, judged, seed, say)
+            judged, read, base = again, other_read, other_base
+    return _conclude(baseline, base, read, judged, seed, say)
 
 
 def _gains(judged: Judged) -> tuple[Array, Bools]:
@@ -230,14 +223,13 @@ def _conclude(
     baseline: Nominal,
     base: Data,
     logs: Sequence[JointLog],
-    signals: Signals,
     judged: Judged,
     seed: int,
     say: Callable[[str, float], None],
 ) -> Diagnosis:
     predictor = judged.predictor
     data, kept = predictor.data, predictor.fold >= 0
-    nominal_rms = np.sqrt(np.mean(np.square(data.logged_residual[kept]), axis=0))
+    nominal_rms = rms(data.logged_residual[kept])
     extended_rms = held_out(judged, lambda part: say("held-out rows", part))
     some = data.measured
     if percent_gained(nominal_rms[some], extended_rms[some]) <= 0:  # it names nothing then
@@ -271,18 +263,13 @@ def _conclude(
         doubt=tuple(doubt),
         base=base,
         baseline=baseline,
-        torque_sign=signals.torque_sign or baseline.torque_sign,
-        torque_unit=signals.torque_unit if (signals.torque_unit != 1).any() else None,
-        findings=signals.findings,
-        set_up=signals.set_up,
-        notes=(*signals.findings, *signals.notes),
+        notes=(*data.recording.findings, *data.recording.notes),
     )
 
 
 def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
     """Return the verdict of ``diagnosis.json`` from the errors (n,) of both models [N·m]."""
-    size = np.sqrt(np.mean(np.square(data.tau), axis=0))
-    enough = np.maximum(CLOSE * data.noise, SMALL * size)
+    enough = np.maximum(CLOSE * data.noise, SMALL * rms(data.tau))
     moved = float(np.ptp(data.q, axis=0).max()) > TRAVEL_SPAN
     if not moved:
         return "cannot tell"
@@ -313,6 +300,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
     before = diagnosis.baseline
     data, arm = diagnosis.data, diagnosis.data.arm
     c = diagnosis.coefficients if coefficients is None else coefficients
+    unit = data.recording.torque_unit
     level = 1 + max((p.level for p in before.parts), default=0)
     split = diagnosis.predictor.problem.split(diagnosis.terms, c)
 
@@ -344,10 +332,9 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
     seen = NEGLIGIBLE * data.noise
     parts = []
     for term, mine, factor in zip(diagnosis.terms, split, diagnosis.doubt, strict=True):
-        if term.small and term.shape != LINKS:
-            torque = diagnosis.predictor.torques([term], mine)[term]
-            if (np.sqrt(np.mean(np.square(torque), axis=0)) < seen).all():
-                continue  # nobody needs an actuator of a millinewton metre
+        torque = diagnosis.predictor.torques([term], mine)[term]
+        if term.small and term.shape != LINKS and (rms(torque) < seen).all():
+            continue  # nobody needs an actuator of a millinewton metre
         parts.append(part(term, mine, factor))
     return Nominal(
         friction=before.friction,
@@ -357,8 +344,8 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         payload=arm.payload,
         tilt=arm.tilt,
         distance=tuple(float(x) for x in data.friction.presliding_distance),
-        torque_sign=diagnosis.torque_sign,
-        torque_unit=diagnosis.torque_unit,
+        torque_sign=data.recording.torque_sign or before.torque_sign,
+        torque_unit=unit if (unit != 1).any() else None,
         torque_lag=lag_of(diagnosis.logs, before.torque_lag),
         sessions=spans(diagnosis.logs, before.sessions),
         links=before.links if diagnosis.links is None else diagnosis.links.factor,

@@ -119,7 +119,7 @@ def link_errors(predictor: TorquePredictor, terms: Sequence[Term], c: Array) -> 
     if not terms or terms[0].shape != LINKS:
         return None
     data = predictor.data
-    links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
+    links, basis = inertial_parameters(data.recording.pinocchio), data.recording.derived(link_basis)
     # directions that no torque shows keep the prior's doubt
     prior = link_factor(data.recording)
     unseen = _prior(predictor) - predictor.problem.scales[0] ** 2 * basis @ basis.T
@@ -155,7 +155,7 @@ def with_found_links(predictor: TorquePredictor, terms: Sequence[Term], c: Array
 def _nearest(predictor: TorquePredictor, more: Array) -> Array:
     """Return (..., n, 10) links that exist, nearest to those that are ``more`` (..., 10 n) off."""
     data = predictor.data
-    links = inertial_parameters(data.pinocchio)
+    links = inertial_parameters(data.recording.pinocchio)
     torques = np.tensordot(predictor.information(), data.recording.derived(link_squares), axes=1)
     hessian = torques + np.linalg.pinv(_prior(predictor), hermitian=True)
     wanted = links + more.reshape(*more.shape[:-1], *links.shape)

@@ -82,7 +82,7 @@ def _as_wide_as_their_columns(data):
 
 
 def rows_of(data):
-    return np.linspace(50, len(data.t) - 50, 12).astype(int)
+    return np.linspace(50, len(data.q) - 50, 12).astype(int)
 
 
 def forces(xml: str, data) -> tuple[np.ndarray, np.ndarray]:

@@ -249,7 +249,7 @@ def _given(
     if bodies:
         leans = [shares[t][:2] for t in bodies if own[t.cause].adds_to == GRAVITY]
         side = np.sum([np.zeros(2), *leans], axis=0)
-        gravity = leaned(data.pinocchio.gravity.linear, side) if side.any() else ()
+        gravity = leaned(data.recording.pinocchio.gravity.linear, side) if side.any() else ()
         arm = with_found_links(predictor, terms, c)
         load = np.sum([torques[t] for t in bodies], axis=0)
         data = data.carrying(load, tuple(float(x) for x in gravity), arm)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiction_envs.arrays import Array
+from stiction_envs.arrays import Array, rms
 from stiction_envs.gap.causes.base import ALL_LINKS
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import Draws
@@ -42,7 +42,7 @@ def named_causes(
     predictor, model = judged.predictor, judged.model
     problem, search = predictor.problem, search_of(predictor)
     now, some = problem.score(model.terms), predictor.data.measured
-    nominal, in_newton_metres = _rms(predictor.data.logged_residual), _rms(predictor.data.residual)
+    nominal, in_newton_metres = rms(predictor.data.logged_residual), rms(predictor.data.residual)
     full = _left(judged, judged.coefficients)
     out, lost = [], {}
     for name in dict.fromkeys(t.cause for t in model.terms):
@@ -50,16 +50,12 @@ def named_causes(
         rest = list(model.terms)
         for term in mine:
             rest = search.without(rest, term)
-        gone = np.concatenate(
-            [
-                np.zeros(len(problem.numbers[t])) if t in mine else np.ones(len(problem.numbers[t]))
-                for t in judged.terms
-            ]
-        )
-        without = _left(judged, judged.coefficients * gone)
+        sizes = [len(problem.numbers[t]) for t in judged.terms]
+        others = np.repeat([float(t not in mine) for t in judged.terms], sizes)
+        without = _left(judged, judged.coefficients * others)
         nats, rivals = now - problem.score(rest), list[tuple[str, float]]()
         if name == TorqueScale.name and predictor.data.converted:
-            without = _left(judged, judged.coefficients * gone, logged=True)
+            without = _left(judged, judged.coefficients * others, logged=True)
             nats = _against_newton_metres(judged, mine)
         else:
             rivals = _rivals(search, model.terms, mine, now)
@@ -138,10 +134,6 @@ def near(samples: Array) -> Array:
     return np.asarray(np.clip(samples, middle - far, middle + far))
 
 
-def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(np.square(x), axis=0)))
-
-
 def _left(judged: Judged, c: Array, *, logged: bool = False) -> Array:
     """Return (n,) error of a model on all rows, root mean square [N·m].
 
@@ -150,7 +142,7 @@ def _left(judged: Judged, c: Array, *, logged: bool = False) -> Array:
     data = judged.predictor.data
     residual = data.logged_residual if logged else data.residual
     each = [residual[:, j] - judged.predictor.torque(judged.terms, c, j) for j in range(data.n)]
-    return _rms(np.stack(each, axis=1))
+    return rms(np.stack(each, axis=1))
 
 
 def _against_newton_metres(judged: Judged, gains: Sequence[Term]) -> float:
@@ -175,21 +167,19 @@ def shares(judged: Judged) -> dict[str, float]:
     The named causes' torque is taken off first, then that of the links' small errors, then that of
     the set-up's.
     """
-    data, torques = (
-        judged.predictor.data,
-        judged.predictor.torques(judged.terms, judged.coefficients),
-    )
+    data = judged.predictor.data
+    torques = judged.predictor.torques(judged.terms, judged.coefficients)
     kinds = {
         "named": [x for t, x in torques.items() if not t.small],
         "links": [x for t, x in torques.items() if t.shape == LINKS],
         "set_up": [x for t, x in torques.items() if t.small and t.shape != LINKS],
     }
     left = np.array(data.residual)
-    nominal = np.maximum(_rms(data.logged_residual), 1e-300)
+    nominal = np.maximum(rms(data.logged_residual), 1e-300)
     out, before = dict[str, float](), np.ones(data.n)
     for kind, some in kinds.items():
         left -= np.sum([np.zeros_like(left), *some], axis=0)
-        now = _rms(left) / nominal
+        now = rms(left) / nominal
         out[kind] = float(100 * np.mean((before - now)[data.measured]))
         before = now
     return {**out, "left": float(100 * np.mean(before[data.measured]))}

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.arrays import Array, Bools, Index, rms
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.base import (
     ALL_LINKS,
@@ -31,7 +31,6 @@ from stiction_envs.gap.causes.base import (
 from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import rate
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 
 APART = 0.25
@@ -102,9 +101,9 @@ class TorquePredictor:
         self.rows = max(APART / data.dt, 1.0) if np.isfinite(data.dt) else 1.0
         self.repeats = np.ones(data.n)
         self.problem = Problem(channels, np.full(data.n, self.rows))
-        self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
+        self._slope = data.rate(data.tau)
         self._resting = resting(data)
-        self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
+        self._usual = rms(data.nominal)
         self.expect(self.problem, np.tile((SHARES[1], DELAYS[1]), (data.n, 1)))
         self._add_candidates()
         self._found = self._before = None
@@ -345,7 +344,7 @@ class TorquePredictor:
 
     def torque(self, terms: Sequence[Term], c: Array, joint: int) -> Array:
         """Return (T,) torque of a model with coefficients (P,) on a joint [N·m]."""
-        out = np.zeros(len(self.data.t))
+        out = np.zeros(len(self.data.q))
         for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
             if joint in self.affected_joints(term):
                 out += self.part(term, joint, mine)

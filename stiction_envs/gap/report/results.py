@@ -77,8 +77,8 @@ class LogDiagnosis(DiagnosisResult):
     def headline(self) -> str:
         """The verdict in sentences, and which links are too far off."""
         d = self.diagnosis
-        findings = [sentence(x).replace("?.", "?") for x in d.findings]
-        links = "" if d.set_up else far_links(d.links)
+        findings = [sentence(x).replace("?.", "?") for x in d.data.recording.findings]
+        links = "" if d.data.recording.set_up else far_links(d.links)
         return " ".join(x for x in (*findings, super().headline, links) if x)
 
     @property

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.friction.parameters import FrictionParameters
@@ -21,7 +20,7 @@ from stiction_envs.gap.signals.friction_state import (
     presliding_distances,
 )
 from stiction_envs.gap.signals.prepare import Signals
-from stiction_envs.gap.signals.recording import Recording, join
+from stiction_envs.gap.signals.recording import Recording, join, rate
 from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque, reach_of
 from stiction_envs.robots import Arm
 
@@ -68,11 +67,6 @@ class Data:
         return self.recording if self.found is None else self.found
 
     @property
-    def pinocchio(self) -> pin.Model:
-        """The nominal rigid arm as a pinocchio model."""
-        return self.recording.pinocchio
-
-    @property
     def n(self) -> int:
         """Number of joints."""
         return self.recording.n
@@ -81,16 +75,6 @@ class Data:
     def dt(self) -> float:
         """Sampling time within a segment [s]; NaN for poses alone."""
         return self.recording.dt
-
-    @property
-    def cutoff(self) -> float:
-        """Cutoff of the filter that all signals passed [Hz]."""
-        return self.recording.cutoff
-
-    @property
-    def t(self) -> Array:
-        """(T,) time since the start of the log [s]."""
-        return self.recording.t
 
     @property
     def q(self) -> Array:
@@ -113,11 +97,6 @@ class Data:
         return self.recording.tau
 
     @property
-    def reversal_path(self) -> Array:
-        """(F, n) angles without overshoot and noise, for friction's turns [rad]."""
-        return self.recording.reversal_path
-
-    @property
     def block(self) -> Index:
         """(T,) number of the block that is held out together, −1 in a guard."""
         return self.recording.block
@@ -132,9 +111,9 @@ class Data:
         """Number of blocks."""
         return int(self.block.max()) + 1
 
-    def runs(self) -> list[slice]:
-        """Return the rows of each segment."""
-        return self.recording.runs
+    def rate(self, x: Array) -> Array:
+        """Return the time derivative of (T, ...) within each segment, per second."""
+        return rate(x, self.recording.runs, self.dt)
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals: see `Recording.smooth`."""
@@ -167,12 +146,14 @@ class Data:
     def own_inertia(self) -> Array:
         """(n,) inertia of the rigid arm about each joint, mean of the motion [kg·m²]."""
         some = self.q[:: max(1, len(self.q) // 100)]
-        return np.asarray(np.diagonal(mass_matrices(self.pinocchio, some), 0, 1, 2).mean(axis=0))
+        return np.asarray(
+            np.diagonal(mass_matrices(self.recording.pinocchio, some), 0, 1, 2).mean(axis=0)
+        )
 
     @cached_property
     def lift(self) -> float:
         """Mass that the strongest joint can hold at the arm's reach [kg]."""
-        return float(self.strength.max() / (9.81 * max(reach_of(self.pinocchio), 0.1)))
+        return float(self.strength.max() / (9.81 * max(reach_of(self.recording.pinocchio), 0.1)))
 
     def carrying(
         self, torque: Array, gravity: tuple[float, ...] = (), arm: Arm | None = None
@@ -241,9 +222,10 @@ class Data:
 
     def side(self, joint: int) -> Array:
         """Return (F,) sign of the motion by which each row was reached; at rest the last one."""
-        out = np.zeros(len(self.reversal_path))
-        for run in self.recording.path_runs:
-            path = self.reversal_path[run, joint]
+        recording = self.recording
+        out = np.zeros(len(recording.reversal_path))
+        for run in recording.path_runs:
+            path = recording.reversal_path[run, joint]
             step = np.sign(np.diff(path, prepend=path[0]))
             last = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
             out[run] = step[last]
@@ -257,9 +239,9 @@ class Data:
         level (`grown`).
         """
         recording, distance = self.recording, float(self.friction.presliding_distance[joint])
-        if len(weight) != len(self.reversal_path):
+        if len(weight) != len(recording.reversal_path):
             weight = recording.along_path(weight)
-        path, zeta = self.reversal_path[:, joint], self.direction(joint)
+        path, zeta = recording.reversal_path[:, joint], self.direction(joint)
         eta = grown(path, recording.path_runs, distance, zeta, weight, ratio)
         return self._leading(eta, joint)
 

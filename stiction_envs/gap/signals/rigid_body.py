@@ -29,6 +29,16 @@ def gravity_torque(model: pin.Model, q: Array) -> Array:
     return np.array([pin.computeGeneralizedGravity(model, data, x) for x in q])
 
 
+def gravity_by_axis(model: pin.Model, q: Array, axes: int = 3) -> Array:
+    """Return (T, n, axes) gravity torque of the model's gravity along x, y and z [N·m]."""
+    model, size = model.copy(), np.linalg.norm(model.gravity.linear)
+    out = np.empty((*q.shape, axes))
+    for k in range(axes):
+        model.gravity.linear = size * np.eye(3)[k]
+        out[..., k] = gravity_torque(model, q)
+    return out
+
+
 def passive_torque(arm: Arm, q: Array) -> Array:
     """Return (T, n) torque of the springs of the robot's file less what its gravcomp carries [N·m].
 

@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from stiction_envs.arrays import Array, Index
+from stiction_envs.arrays import Array, Index, rms
 from stiction_envs.gap.signals.angles import least_load
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
@@ -87,7 +87,7 @@ def torque_lag(signals: Signals, arm: Arm) -> tuple[Lag, str, bool] | None:
     if not loaded:
         if len(parts) < LEAST_RUNS:
             return None
-        speed = np.sqrt(np.mean(np.square(np.concatenate([signals.dq[x] for x in parts])), axis=0))
+        speed = rms(np.concatenate([signals.dq[x] for x in parts]))
         joints = np.array([np.argmax(speed)])
     runs = [_runs(signals, parts, rigid, int(j), loaded) for j in joints]
     found = _search(runs)

@@ -202,19 +202,6 @@ def with_payload(arm: Arm, phi: Array, least: float) -> Arm:
     return with_inertias(arm, links)
 
 
-def with_link(arm: Arm, joint: int, coefficients: Array) -> Arm:
-    """Return an arm with another mass and centre of one link (`changed_link`).
-
-    Args:
-        arm: the arm.
-        joint: joint that moves the link, from 1.
-        coefficients: (4,) as of `changed_link`.
-    """
-    phi = inertial_parameters(arm.pinocchio())
-    phi[joint - 1] = changed_link(phi[joint - 1], coefficients)
-    return with_inertias(arm, phi)
-
-
 def possible(phi: Array, was: Array, least: float) -> Array:
     """Return a physically consistent body of the same mass and centre as (10,) ``phi``.
 

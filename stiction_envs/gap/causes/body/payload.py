@@ -87,10 +87,14 @@ class Payload(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per kilogram, and per kg·m of moment about the flange in its axes."""
-        change = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
         own = slice(4 * data.n, 4 * data.n + 10)
         last = data.recording.derived(body_columns, *data.gravity_found)[..., own]
-        return np.asarray(last @ change)
+        return np.asarray(last @ self._directions(data, shape))
+
+    def _directions(self, data: Data, shape: Shape) -> Array:
+        """Return (10, 10) change of the last link's parameters per coefficient."""
+        flange = from_flange(data.recording.pinocchio, data.arm)
+        return np.asarray(flange @ payload_directions(np.array(shape)))
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return the centre that was found."""
@@ -121,8 +125,7 @@ class Payload(Cause):
 
     def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
         """Return the change of the last link's parameters."""
-        own = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
-        return np.concatenate([np.zeros((10 * (data.n - 1), size)), own])
+        return np.concatenate([np.zeros((10 * (data.n - 1), size)), self._directions(data, shape)])
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return the ten parameters of the body about the flange."""

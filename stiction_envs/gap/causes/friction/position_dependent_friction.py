@@ -57,7 +57,7 @@ class PositionDependentFriction(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return sine and cosine of k q, in the direction of motion if it is friction's."""
-        angle = shape[0] * data.reversal_path[:, joint]
+        angle = shape[0] * data.recording.reversal_path[:, joint]
         wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         if len(shape) > 1:
             wave *= data.direction(joint)[:, None]

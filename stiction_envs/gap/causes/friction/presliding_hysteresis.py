@@ -23,8 +23,8 @@ sign(q̇), and no gear yields over the longest, 0.13 rad."""
 
 def since_reversal(data: Data, joint: int, shape: Shape) -> Array:
     """Return (T,) how far the joint has gone since it last reversed [rad]."""
-    out = np.zeros(len(data.t))
-    for run in data.runs():
+    out = np.zeros(len(data.q))
+    for run in data.recording.runs:
         q = data.q[run, joint]
         sign = np.sign(np.diff(q, prepend=q[0]))
         turned = np.flatnonzero(np.diff(sign) != 0) + 1
@@ -68,7 +68,7 @@ class PreslidingHysteresis(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the change by the bristle of dry friction of 1 N·m."""
-        path, runs = data.reversal_path[:, [joint]], data.recording.path_runs
+        path, runs = data.recording.reversal_path[:, [joint]], data.recording.path_runs
         distance = np.array([[shape[0]]])
         ratio = bristles(path, runs, distance)[:, 0, 0]
         return (ratio - data.dry_friction_ratio(joint))[:, None]

@@ -60,7 +60,7 @@ class StribeckFriction(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
         # the reversal path has a wider filter: the speed falls fast where a joint stops
-        speed = data.recording.path_rate(data.reversal_path[:, joint])
+        speed = data.recording.path_rate(data.recording.reversal_path[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
         ratio = shape[1] if len(shape) > 1 else 0.0
         return data.growth(joint, fade, ratio)[:, None]

@@ -20,7 +20,7 @@ from stiction_envs.gap.causes.base import (
 )
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import Recording, rate
+from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
@@ -104,11 +104,6 @@ class JointElasticity(Cause):
             draft.leave_out(part, "no rotor inertia is known that could swing on the spring")
 
 
-def along_runs(data: Data, signal: Array) -> Array:
-    """Return the time derivative of (T, ...) within each segment, per second."""
-    return rate(signal, data.runs(), data.dt)
-
-
 def masses(recording: Recording) -> Columns:
     """Return (T, n, n) M(q) of an arm along a recording [kg·m²]."""
     return mass_matrices(recording.pinocchio, recording.q).astype(np.float32)
@@ -130,14 +125,14 @@ def torque_of(data: Data, joint: int, deflection: Array) -> Array:
 
     First order in δ; Coriolis terms of δ̇ are left out.
     """
-    bend = along_runs(data, along_runs(data, deflection))
+    bend = data.rate(data.rate(deflection))
     mass, slope = (data.links.derived(x)[:, :, joint] for x in (masses, slopes))
     return np.asarray(mass * bend[:, None] + slope * deflection[:, None])
 
 
 def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
     """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
-    bend = along_runs(data, along_runs(data, deflections))
+    bend = data.rate(data.rate(deflections))
     mass, slope = own_terms(data, joint)
     bend *= mass[:, None]
     bend += slope[:, None] * deflections

@@ -77,10 +77,6 @@ class EncoderOffset(Cause):
         """Take the joint whose zero is far off, found by `angles`; None for none."""
         self.far = far
 
-    def near(self, far: AngleError) -> EncoderOffset:
-        """Return the cause that also tries a zero that is far off."""
-        return EncoderOffset(far)
-
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return δ_0 [rad] to try: the tangent at 0, and its fit.
 
@@ -115,10 +111,6 @@ class EncoderOffset(Cause):
         """Return the offset that was found."""
         found = float(coefficients[0])
         return (found,) if abs(found) > LEAST else shape
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return δ [rad]."""
-        return {"offset_rad": float(coefficients[0])}
 
     def possible(
         self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float

@@ -59,7 +59,7 @@ class TorqueOffset(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones."""
-        return np.ones((len(data.t), 1))
+        return np.ones((len(data.q), 1))
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add a torque that the motor must overcome."""
