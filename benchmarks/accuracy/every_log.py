@@ -45,7 +45,7 @@ def columns(data: Data) -> tuple[Array, Array]:
     shared = torque_regressor(data.recording.pinocchio, data.q, data.dq, data.ddq)
     one = np.ones(len(data.q))
     own = [
-        np.stack([data.smooth(data.direction(j)), data.dq[:, j], one, data.ddq[:, j]], axis=1)
+        np.stack([data.smooth(data.directions[:, j]), data.dq[:, j], one, data.ddq[:, j]], axis=1)
         for j in range(data.n)
     ]
     return shared, np.stack(own)

@@ -213,7 +213,10 @@ class TorquePredictor:
             if cause.is_linear:
                 left = data.residual[:, max(joint, 0)]
                 self.offer(cause, joint, cause.shapes(data, max(joint, 0), left))
-        left = self._left_by_friction() if self._found is None else self._left_by_found()
+        if self._found is None:
+            left = self._left_by_friction()
+        else:
+            left = data.residual - np.sum(list(self._found.values()), axis=0)
         for cause, joint in offered:
             if not cause.is_linear:
                 j = max(joint, 0)
@@ -272,10 +275,6 @@ class TorquePredictor:
         return np.stack(
             [data.residual[:, j] - self.torque(model, c, j) for j in range(data.n)], axis=1
         )
-
-    def _left_by_found(self) -> Array:
-        """Return (T, n) what the earlier model leaves [N·m]."""
-        return self.data.residual - np.sum(list((self._found or {}).values()), axis=0)
 
     def affected_joints(self, term: Term) -> list[int]:
         """Return the joints (from 0) whose torques a term acts on."""
@@ -338,16 +337,12 @@ class TorquePredictor:
         columns = self.problem.channels[joint].columns(self.problem.numbers[term])
         return columns.T.astype(np.float64)
 
-    def part(self, term: Term, joint: int, mine: Array) -> Array:
-        """Return (T,) torque of a term on a joint with its coefficients [N·m]."""
-        return self.columns(term, joint) @ mine
-
     def torque(self, terms: Sequence[Term], c: Array, joint: int) -> Array:
         """Return (T,) torque of a model with coefficients (P,) on a joint [N·m]."""
         out = np.zeros(len(self.data.q))
         for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
             if joint in self.affected_joints(term):
-                out += self.part(term, joint, mine)
+                out += self.columns(term, joint) @ mine
         return out
 
     def torques(self, terms: Sequence[Term], c: Array) -> dict[Term, Array]:
@@ -356,7 +351,7 @@ class TorquePredictor:
         for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
             out[term] = np.zeros_like(self.data.q)
             for j in self.affected_joints(term):
-                out[term][:, j] = self.part(term, j, mine)
+                out[term][:, j] = self.columns(term, j) @ mine
         return out
 
     def information(self) -> Array:

@@ -21,7 +21,7 @@ from stiction_envs.gap.signals.friction_state import (
 )
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.recording import Recording, join, rate
-from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque, reach_of
+from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque
 from stiction_envs.robots import Arm
 
 NOT_MEASURED = 1e6
@@ -106,11 +106,6 @@ class Data:
         """(n,) whether each joint's torque is a measurement."""
         return self.noise < NOT_MEASURED
 
-    @property
-    def blocks(self) -> int:
-        """Number of blocks."""
-        return int(self.block.max()) + 1
-
     def rate(self, x: Array) -> Array:
         """Return the time derivative of (T, ...) within each segment, per second."""
         return rate(x, self.recording.runs, self.dt)
@@ -149,11 +144,6 @@ class Data:
         return np.asarray(
             np.diagonal(mass_matrices(self.recording.pinocchio, some), 0, 1, 2).mean(axis=0)
         )
-
-    @cached_property
-    def lift(self) -> float:
-        """Mass that the strongest joint can hold at the arm's reach [kg]."""
-        return float(self.strength.max() / (9.81 * max(reach_of(self.recording.pinocchio), 0.1)))
 
     def carrying(
         self, torque: Array, gravity: tuple[float, ...] = (), arm: Arm | None = None
@@ -212,13 +202,9 @@ class Data:
         """
         return self.recording.bristles(self.friction.presliding_distance[:, None])[..., 0]
 
-    def direction(self, joint: int) -> Array:
-        """Return (F,) direction of a joint (from 0) as in `directions`."""
-        return self.directions[:, joint]
-
     def dry_friction_ratio(self, joint: int) -> Array:
         """Return (F,) dry friction over its steady level, unfiltered: ζ + (σ1/σ0) dζ/dt [-]."""
-        return self._leading(self.direction(joint), joint)
+        return self._leading(self.directions[:, joint], joint)
 
     def side(self, joint: int) -> Array:
         """Return (F,) sign of the motion by which each row was reached; at rest the last one."""
@@ -241,7 +227,7 @@ class Data:
         recording, distance = self.recording, float(self.friction.presliding_distance[joint])
         if len(weight) != len(recording.reversal_path):
             weight = recording.along_path(weight)
-        path, zeta = recording.reversal_path[:, joint], self.direction(joint)
+        path, zeta = recording.reversal_path[:, joint], self.directions[:, joint]
         eta = grown(path, recording.path_runs, distance, zeta, weight, ratio)
         return self._leading(eta, joint)
 

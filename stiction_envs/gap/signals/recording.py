@@ -57,11 +57,6 @@ class Recording(Signals):
         """Number of joints."""
         return self.q.shape[1]
 
-    @property
-    def common_clock(self) -> bool:
-        """True if there are several logs whose clocks show when each was recorded."""
-        return self.sessions.common_clock
-
     @cached_property
     def rigid(self) -> Array:
         """(T, n) torque of the rigid arm along the motion [N·m]."""

@@ -105,7 +105,7 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
     ``threads`` 0 is all processors.
     """
     base, nominal = diagnosis.base, diagnosis.baseline
-    held = np.arange(1, base.blocks, FOLDS)
+    held = np.arange(1, base.block.max() + 1, FOLDS)
     if not np.isfinite(base.dt) or len(held) == 0:
         return "the logs hold no motion"
     windows = _windows(base, held)

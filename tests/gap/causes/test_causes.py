@@ -185,7 +185,7 @@ def test_presliding_distances_without_load_grow_with_it() -> None:
     data = data_of(panda(), hidden(panda())).with_presliding(np.full(7, distance))
     loaded = level + growth * data.recording.along_path(np.abs(data.rigid[:, joint]))
     bristle = np.zeros(len(loaded))
-    bristle[0] = loaded[0] * data.direction(joint)[0]
+    bristle[0] = loaded[0] * data.directions[0, joint]
     for k, step in enumerate(np.diff(data.recording.reversal_path[:, joint])):
         end, distance_now = np.sign(step) * loaded[k + 1], loaded[k + 1] * distance / level
         bristle[k + 1] = end + (bristle[k] - end) * np.exp(-abs(step) / distance_now)

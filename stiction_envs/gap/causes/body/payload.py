@@ -19,6 +19,7 @@ from stiction_envs.gap.causes.body.bodies import (
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.rigid_body import reach_of
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import consistent
 
@@ -74,7 +75,8 @@ class Payload(Cause):
 
         Some of the last link must remain. Tools are mounted all the time.
         """
-        mass = USUAL_SHARE * data.lift
+        reach = max(reach_of(data.recording.pinocchio), 0.1)
+        mass = USUAL_SHARE * float(data.strength.max() / (9.81 * reach))
         size = mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[(USUAL_CENTRE / 2) ** 2] * 6])
         high = np.array([*[np.inf] * 4, *[MOST_INERTIA] * 6])
         low = -high

@@ -83,7 +83,7 @@ class PreslidingHysteresis(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Set the bristle's stiffness."""
-        draft.bristle[part.joint - 1] = part.coefficients[0] / part.shape[0]
+        draft.values["bristle_stiffness"][part.joint - 1] = part.coefficients[0] / part.shape[0]
 
     def possible(
         self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float

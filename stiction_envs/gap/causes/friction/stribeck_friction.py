@@ -86,5 +86,5 @@ class StribeckFriction(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise friction at rest only."""
-        draft.stiction[part.joint - 1] += part.coefficients[0]
-        draft.stribeck[part.joint - 1] = part.shape[0]
+        draft.values["stiction"][part.joint - 1] += part.coefficients[0]
+        draft.values["stribeck_velocity"][part.joint - 1] = part.shape[0]

@@ -65,7 +65,7 @@ class JointElasticity(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque of the link's deflection on all joints."""
-        delta = deflection(data, joint, *shape)
+        delta = deflections(data, joint, [shape])[:, 0]
         return torque_of(data, joint, delta)[..., None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
@@ -97,9 +97,9 @@ class JointElasticity(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Make the joint elastic if its rotor inertia is known."""
-        j = part.joint - 1
-        if draft.rotor[j] >= LEAST_ROTOR and not np.isfinite(draft.spring[j]):
-            draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])
+        j, springs = part.joint - 1, draft.values["joint_stiffness"]
+        if draft.values["rotor_inertia"][j] >= LEAST_ROTOR and not np.isfinite(springs[j]):
+            springs[j] = max(1.0, part.shape[0] / part.coefficients[0])
         else:
             draft.leave_out(part, "no rotor inertia is known that could swing on the spring")
 
@@ -139,18 +139,14 @@ def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
     return bend
 
 
-def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> Array:
-    """Return (T,) the link's angle less the motor's, M δ̈ + D δ̇ + K δ = −load(q + δ) [rad].
+def deflections(data: Data, joint: int, springs: Sequence[Shape]) -> Array:
+    """Return (T, k) the link's angle less the motor's, M δ̈ + D δ̇ + K δ = −load(q + δ) [rad].
 
     Newmark's average acceleration, which is stable for any K ("A method of computation for
-    structural dynamics", 1959); D is ``ratio`` of the critical. The load is that of the motor's
-    angle and its slope with gravity, to first order in δ.
+    structural dynamics", 1959); D is a part of the critical. The load is that of the motor's
+    angle and its slope with gravity, to first order in δ. Each of the k springs is its stiffness
+    and its damping ratio.
     """
-    return deflections(data, joint, [(stiffness, ratio)])[:, 0]
-
-
-def deflections(data: Data, joint: int, springs: Sequence[Shape]) -> Array:
-    """Return (T, k) `deflection` of k springs, each its stiffness and damping ratio."""
     loads = data.rigid[:, joint], *own_terms(data, joint)
     stiffness, ratio = np.array(springs).T
     return _swing(*loads, data.recording.segment, stiffness, ratio, data.dt)

@@ -63,7 +63,7 @@ class TorqueOffset(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add a torque that the motor must overcome."""
-        draft.offset[part.joint - 1] += part.coefficients[0]
+        draft.values["offset"][part.joint - 1] += part.coefficients[0]
 
     def in_tables(self, data: TableData) -> Iterator[Effect]:
         """Yield a torque that shifts both directions equally; dither does not reduce it."""
