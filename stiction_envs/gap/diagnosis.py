@@ -253,7 +253,11 @@ def _conclude(
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=np.where(some, data.noise, nominal_rms),
-        what_to_record=_what_to_record([c.name for c in named], [x.name for x in hidden]),
+        what_to_record=tuple(
+            f"to see {x.name}: {cause_named(x.name).what_to_record}"
+            for x in hidden
+            if all(x.name != c.name for c in named)
+        ),
         logs=tuple(logs),
         data=data,
         predictor=predictor,
@@ -278,12 +282,6 @@ def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
     if not named and (extended > enough).any():
         return "cannot tell"
     return "partly explained" if (extended > enough).any() else "explained"
-
-
-def _what_to_record(named: Sequence[str], hidden: Sequence[str]) -> tuple[str, ...]:
-    """Return the motions that would show what was not shown, each once."""
-    each = [(name, cause_named(name).what_to_record) for name in dict.fromkeys(hidden)]
-    return tuple(f"to see {name}: {motion}" for name, motion in each if name not in named)
 
 
 def _log_notes(logs: Sequence[JointLog]) -> list[str]:

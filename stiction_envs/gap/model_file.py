@@ -104,40 +104,33 @@ class Nominal:
             raise StictionError(f"{where}: {error}") from None
 
     def extend(self, data: Data) -> Data:
-        """Return data against the nominal model with its causes."""
-        if not self.parts:
-            return data
+        """Return data against the nominal model with its causes, added level by level."""
         own = data.friction.presliding_distance
-        if self.distance is not None:
+        if self.parts and self.distance is not None:
             data = data.with_presliding(np.array(self.distance))
-        return with_causes(data, self.parts).with_presliding(own)
-
-
-def with_causes(data: Data, parts: Sequence[Part]) -> Data:
-    """Return data against a nominal model to which causes were added."""
-    for level in sorted({p.level for p in parts}):
-        causes = [(p, cause_named(p.cause)) for p in parts if p.level == level]
-        arm = changed_arm(data.arm, [p for p, _ in causes])
-        changed = data if arm is data.arm else data.on(arm)
-        torque = changed.recording.rigid - data.recording.rigid
-        small = any(cause.adds_to == ALL_LINKS for _, cause in causes)
-        loaded = data.carrying(torque, arm=arm if small else None)
-        added = sound = torque
-        for p, cause in causes:
-            if not isinstance(cause, ActuatorDelay) and cause.adds_to not in OF_ARM:
-                more = torque_of(cause, loaded if p.carried else data, p)
-                added = added + more
-                if not cause.resembles_delay:
-                    sound = sound + more
-        for p, cause in causes:
-            if isinstance(cause, ActuatorDelay):
-                whole = cause.acting_on(data.nominal + sound) if p.carried else cause
-                added = added + torque_of(whole, data, p)
-        friction, rotor = any(c.adds_to in FRICTION for _, c in causes), np.zeros(data.n)
-        for p in (p for p, c in causes if c.adds_to == ROTOR):
-            rotor[p.joint - 1] += p.coefficients[0]
-        data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
-    return data
+        for level in sorted({p.level for p in self.parts}):
+            causes = [(p, cause_named(p.cause)) for p in self.parts if p.level == level]
+            arm = changed_arm(data.arm, [p for p, _ in causes])
+            changed = data if arm is data.arm else data.on(arm)
+            torque = changed.recording.rigid - data.recording.rigid
+            small = any(cause.adds_to == ALL_LINKS for _, cause in causes)
+            loaded = data.carrying(torque, arm=arm if small else None)
+            added = sound = torque
+            for p, cause in causes:
+                if not isinstance(cause, ActuatorDelay) and cause.adds_to not in OF_ARM:
+                    more = torque_of(cause, loaded if p.carried else data, p)
+                    added = added + more
+                    if not cause.resembles_delay:
+                        sound = sound + more
+            for p, cause in causes:
+                if isinstance(cause, ActuatorDelay):
+                    whole = cause.acting_on(data.nominal + sound) if p.carried else cause
+                    added = added + torque_of(whole, data, p)
+            friction, rotor = any(c.adds_to in FRICTION for _, c in causes), np.zeros(data.n)
+            for p in (p for p, c in causes if c.adds_to == ROTOR):
+                rotor[p.joint - 1] += p.coefficients[0]
+            data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
+        return data.with_presliding(own)
 
 
 def changed_arm(arm: Arm, parts: Sequence[Part]) -> Arm:

@@ -158,8 +158,9 @@ class Problem:
     """Coefficients of each term."""
     odds: dict[Term, float] = field(default_factory=dict)
     """Log prior odds against each term [nats]."""
+    bounds: dict[Term, tuple[Array, Array]] = field(default_factory=dict)
+    """Lowest and highest coefficients of each term, (k,) each."""
     _sd: dict[Term, Array] = field(default_factory=dict)
-    _bounds: dict[Term, tuple[Array, Array]] = field(default_factory=dict)
     _count: int = 0
     _scores: dict[tuple[Term, ...], float] = field(default_factory=dict)
     _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict)
@@ -192,7 +193,7 @@ class Problem:
         at = range(self._count, self._count + len(sd))
         self._count += len(sd)
         self.numbers[term] = np.array(at, dtype=np.int64)
-        self._sd[term], self._bounds[term], self.odds[term] = sd, bounds, odds
+        self._sd[term], self.bounds[term], self.odds[term] = sd, bounds, odds
         for channel, x in columns.items():
             self.channels[channel].append(x, at)
         if term.small:
@@ -206,9 +207,9 @@ class Problem:
         """
         free = np.full(len(sd), np.inf)
         self.numbers[other], self._sd[other] = self.numbers[term], sd
-        self._bounds[other], self.odds[other] = self._bounds[term], self.odds[term]
+        self.bounds[other], self.odds[other] = self.bounds[term], self.odds[term]
         if other.small:
-            self._bounds[other], self.odds[other] = (-free, free), 0.0
+            self.bounds[other], self.odds[other] = (-free, free), 0.0
             self.always.append(other)
 
     def sd(self, term: Term) -> Array:
@@ -216,10 +217,6 @@ class Problem:
         if not term.small:
             return self._sd[term]
         return self._sd[term] * self.scales[0 if term.shape == LINKS else 1]
-
-    def bounds(self, term: Term) -> tuple[Array, Array]:
-        """Return lowest and highest coefficients of a term, (k,) each."""
-        return self._bounds[term]
 
     def given(
         self, inflation: Array | None = None, scales: tuple[float, float] | None = None
@@ -259,7 +256,7 @@ class Problem:
             numbers=dict(self.numbers),
             odds=dict(self.odds),
             _sd=dict(self._sd),
-            _bounds=dict(self._bounds),
+            bounds=dict(self.bounds),
             _scores={},
             _fits={},
             _sums=None,
@@ -314,10 +311,6 @@ class Problem:
         """Return (P,) numbers of a model's coefficients."""
         return np.concatenate([self.numbers[t] for t in terms] or [np.empty(0, dtype=np.int64)])
 
-    def _spread(self, terms: Sequence[Term]) -> Array:
-        """Return (P,) prior standard deviations."""
-        return np.concatenate([self.sd(t) for t in terms] or [np.empty(0)])
-
     def _solved(self, terms: Sequence[Term]) -> tuple[Array, Array, Array, Array]:
         """Return a Cholesky factor of the posterior precision and the likeliest coefficients.
 
@@ -325,7 +318,7 @@ class Problem:
         """
         if self._last is not None and self._last[0] == tuple(terms):
             return self._last[1]
-        sd = self._spread(terms)
+        sd = np.concatenate([self.sd(t) for t in terms] or [np.empty(0)])
         xx, xr = self.sums_of(terms)
         a = xx * np.outer(sd, sd) + np.eye(len(sd))
         b = xr * sd
@@ -333,7 +326,7 @@ class Problem:
         if failed:
             raise np.linalg.LinAlgError("the posterior precision is not positive definite")
         c = dpotrs(root, b, lower=True)[0] if len(b) else b
-        each = [self._bounds[t] for t in terms]
+        each = [self.bounds[t] for t in terms]
         low, high = (np.concatenate([x[k] for x in each] or [np.empty(0)]) / sd for k in (0, 1))
         if ((c < low) | (c > high)).any():
             c = solve(a, b, low, high, c)

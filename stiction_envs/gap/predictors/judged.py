@@ -376,7 +376,7 @@ def draws(judged: Judged, count: int, seed: int) -> Draws:
         doubt = gains(predictor, terms, moved[:, : len(judged.coefficients)])
     out = []
     for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
-        low, high = problem.bounds(term)
+        low, high = problem.bounds[term]
         own = np.clip(mine + split[term], low, high)
         if term.joint != ARM and term.cause != TorqueScale.name:
             own = own / doubt[term.joint][:, None]

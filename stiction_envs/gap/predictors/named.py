@@ -212,7 +212,7 @@ def not_shown(judged: Judged) -> tuple[NotShown, ...]:
                 terms = problem.model([*judged.model.terms, term])
                 k = len(problem.numbers[term])
                 mean = float(problem.fit(terms)[-k])
-                least, most = problem.bounds(term)
+                least, most = problem.bounds[term]
                 if not least[0] < mean < most[0]:
                     continue  # the data say that there is none
                 posterior = float(np.sqrt(problem.covariance(terms)[-k, -k]))

@@ -237,16 +237,6 @@ class Data:
         return x if lead == 0 else x + lead * self.recording.path_rate(x)
 
 
-def nominal_torque(
-    recording: Recording, friction: FrictionParameters | None, state: FrictionState
-) -> Array:
-    """Return (T, n) torque of the rigid arm, what its file hangs on it, and friction [N·m]."""
-    out = recording.rigid + passive_torque(recording.arm, recording.q)
-    if friction is None:
-        return np.asarray(out + state.rotor * recording.ddq)
-    return np.asarray(out + friction_torque(recording, friction, state))
-
-
 def assemble(
     arm: Arm,
     signals: Signals,
@@ -274,7 +264,11 @@ def assemble(
             distance = np.where(known, state.presliding_distance, seen)
             lead = np.where(known, state.bristle_lead_time, 0.0)
             state = replace(state, presliding_distance=distance, bristle_lead_time=lead)
-    nominal = nominal_torque(recording, friction, state)
+    nominal = recording.rigid + passive_torque(arm, recording.q)
+    if friction is None:
+        nominal += state.rotor * recording.ddq
+    else:
+        nominal += friction_torque(recording, friction, state)
     noise = noise_floor(recording, recording.tau - nominal)
     if signals.measured is not None:
         noise = np.where(signals.measured, noise, NOT_MEASURED)

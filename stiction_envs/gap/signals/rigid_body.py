@@ -14,6 +14,15 @@ def reach_of(model: pin.Model) -> float:
     return sum(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
 
 
+def under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:
+    """Return a model under gravity x, y, z [m/s²]; () for the model's gravity."""
+    if not gravity:
+        return model
+    out = model.copy()
+    out.gravity.linear = np.array(gravity)
+    return out
+
+
 def inverse_dynamics(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
     """Return (T, n) torque of M(q)q̈ + C(q, q̇)q̇ + g(q) [N·m] (pinocchio's RNEA)."""
     data = model.createData()
@@ -31,12 +40,9 @@ def gravity_torque(model: pin.Model, q: Array) -> Array:
 
 def gravity_by_axis(model: pin.Model, q: Array, axes: int = 3) -> Array:
     """Return (T, n, axes) gravity torque of the model's gravity along x, y and z [N·m]."""
-    model, size = model.copy(), np.linalg.norm(model.gravity.linear)
-    out = np.empty((*q.shape, axes))
-    for k in range(axes):
-        model.gravity.linear = size * np.eye(3)[k]
-        out[..., k] = gravity_torque(model, q)
-    return out
+    size = float(np.linalg.norm(model.gravity.linear))
+    each = [gravity_torque(under(model, tuple(x)), q) for x in size * np.eye(3)[:axes]]
+    return np.stack(each, axis=-1)
 
 
 def passive_torque(arm: Arm, q: Array) -> Array:

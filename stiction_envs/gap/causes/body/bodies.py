@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.arrays import Array
 from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.gap.signals.rigid_body import under
 from stiction_envs.robots import Arm, mjcf
 from stiction_envs.robots.arm_toml import payload_radius
 from stiction_envs.robots.consistent import tolerances
@@ -55,10 +56,7 @@ def body_columns(recording: Recording, *gravity: float) -> NDArray[np.float32]:
         recording: motion of the arm.
         gravity: x, y, z of the acceleration [m/s²]; none for the arm's.
     """
-    model = recording.pinocchio.copy()
-    if gravity:
-        model.gravity.linear = np.array(gravity)
-    n = recording.n
+    model, n = under(recording.pinocchio, gravity), recording.n
     each = [link_directions(phi) for phi in inertial_parameters(model)]
     basis = recording.derived(link_basis)
     # the columns of a joint are neighbours in memory, as `JointColumns` keeps them: none is copied

@@ -32,7 +32,7 @@ from stiction_envs.gap.servo.servo_parameters import BOTH_SIDES, InServo
 from stiction_envs.gap.signals.angles import AngleError
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics, under
 from stiction_envs.robots import Arm, mjcf
 
 USUAL = 0.1
@@ -102,7 +102,7 @@ class EncoderOffset(Cause):
             return data.links.derived(_slopes, *data.gravity_found)[:, :, joint, None]
         recording, there = data.links, data.q.copy()
         there[:, joint] -= shape[0]
-        model = _under(recording.pinocchio, data.gravity_found)
+        model = under(recording.pinocchio, data.gravity_found)
         more = inverse_dynamics(model, there, data.dq, data.ddq)
         more -= recording.derived(_torques, *data.gravity_found)
         return np.asarray(more[..., None] / shape[0])
@@ -141,20 +141,11 @@ class EncoderOffset(Cause):
         )
 
 
-def _under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:
-    """Return a model under gravity x, y, z [m/s²]; () for the model's gravity."""
-    if not gravity:
-        return model
-    out = model.copy()
-    out.gravity.linear = np.array(gravity)
-    return out
-
-
 def _torques(recording: Recording, *gravity: float) -> Array:
-    """Return (T, n) torque of the arm along a recording [N·m], ``gravity`` as of `_under`."""
+    """Return (T, n) torque of the arm along a recording [N·m], ``gravity`` as of `under`."""
     if not gravity:
         return recording.rigid
-    model = _under(recording.pinocchio, gravity)
+    model = under(recording.pinocchio, gravity)
     return inverse_dynamics(model, recording.q, recording.dq, recording.ddq)
 
 
@@ -162,9 +153,9 @@ def _slopes(recording: Recording, *gravity: float) -> Columns:
     """Return (T, n, n) −∂τ/∂q of the inverse dynamics, torque first [N·m/rad].
 
     Derivatives of Newton and Euler's recursion (J. Carpentier, N. Mansard, "Analytical derivatives
-    of rigid body dynamics algorithms", RSS 2018). ``gravity`` as of `_under`.
+    of rigid body dynamics algorithms", RSS 2018). ``gravity`` as of `under`.
     """
-    model = _under(recording.pinocchio, gravity)
+    model = under(recording.pinocchio, gravity)
     work = model.createData()
     out = np.empty((*recording.q.shape, recording.n), dtype=np.float32)
     for k, row in enumerate(zip(recording.q, recording.dq, recording.ddq, strict=True)):
