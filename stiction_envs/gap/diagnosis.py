@@ -22,7 +22,7 @@ from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.judge.judgement import WIDTH, Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
-from stiction_envs.gap.links import LinkErrors, link_errors
+from stiction_envs.gap.links import LinkErrors, link_errors, root_of
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, judge
 from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
@@ -346,5 +346,5 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         torque_unit=unit if (unit != 1).any() else None,
         torque_lag=lag_of(diagnosis.logs, before.torque_lag),
         sessions=spans(diagnosis.logs, before.sessions),
-        links=before.links if diagnosis.links is None else diagnosis.links.factor,
+        links=before.links if diagnosis.links is None else root_of(diagnosis.links.covariance),
     )

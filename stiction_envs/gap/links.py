@@ -41,11 +41,6 @@ class LinkErrors:
     diagnosis's."""
 
     @property
-    def factor(self) -> Array:
-        """(10 n, k) F of the covariance F Fᵀ."""
-        return root_of(self.covariance)
-
-    @property
     def mass(self) -> Array:
         """(n, 2) mass that is added and its 95 % half width [kg]."""
         return np.stack([self.changes[:, 0], WIDTH * self._deviations(self.covariance)[0]], axis=1)

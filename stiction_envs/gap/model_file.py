@@ -105,8 +105,10 @@ class Nominal:
 
     def extend(self, data: Data) -> Data:
         """Return data against the nominal model with its causes, added level by level."""
+        if not self.parts:
+            return data
         own = data.friction.presliding_distance
-        if self.parts and self.distance is not None:
+        if self.distance is not None:
             data = data.with_presliding(np.array(self.distance))
         for level in sorted({p.level for p in self.parts}):
             causes = [(p, cause_named(p.cause)) for p in self.parts if p.level == level]

@@ -72,11 +72,6 @@ class Channel:
         self._summed = 0
         self.reweigh(self.weight)
 
-    @property
-    def width(self) -> int:
-        """Number of columns P."""
-        return len(self.at)
-
     def columns(self, at: Sequence[int] | Index) -> NDArray[np.floating]:
         """Return the columns (k, T) that were added together for coefficients ``at`` (k,)."""
         return self._blocks[int(at[0])]
@@ -112,14 +107,9 @@ class Channel:
             self._whole[held_out] = xx, xr, float(rr)
         return self._whole[held_out]
 
-    def of_fold(self, fold: int) -> tuple[Array, Array, float]:
-        """Return XᵀWX (P, P), XᵀWr (P,) and rᵀWr over one fold."""
-        self._sum()
-        return self.xx[fold], self.xr[fold], float(self.rr[fold])
-
     def _sum(self) -> None:
         """Compute the sums of the columns that were added since the last time."""
-        first, last = self._summed, self.width
+        first, last = self._summed, len(self.at)
         if first == last:
             return
         self._summed = last
@@ -347,21 +337,15 @@ class Problem:
         half = solve_triangular(root, np.diag(sd), lower=True)
         return np.asarray(half.T @ half)
 
-    def errors(self, terms: Sequence[Term], c: Array, fold: int | None = None) -> Array:
-        """Return (C,) weighted squared error of a model with coefficients (P,).
-
-        ``fold`` is that of whose rows it is; None for all that take part.
-        """
+    def errors(self, terms: Sequence[Term], c: Array) -> Array:
+        """Return (C,) weighted squared error of a model with coefficients (P,)."""
         whole = np.zeros(self._count)
         whole[self.at(terms)] = c
         out = np.zeros(len(self.channels))
         for k, channel in enumerate(self.channels):
             mine = whole[channel.at]
             own = np.flatnonzero(mine)
-            if fold is None:
-                xx, xr, rr = channel.sums(self.held_out)
-            else:
-                xx, xr, rr = channel.of_fold(fold)
+            xx, xr, rr = channel.sums(self.held_out)
             some = mine[own]
             out[k] = rr - 2 * xr[own] @ some + some @ xx[np.ix_(own, own)] @ some
         return np.maximum(out, 0.0)

@@ -44,7 +44,8 @@ def named_causes(
     now, some = problem.score(model.terms), predictor.data.measured
     nominal, in_newton_metres = rms(predictor.data.logged_residual), rms(predictor.data.residual)
     full = _left(judged, judged.coefficients)
-    out, lost = [], {}
+    parts = problem.split(judged.terms, judged.coefficients)
+    own, out, lost = dict(zip(judged.terms, parts, strict=True)), [], {}
     for name in dict.fromkeys(t.cause for t in model.terms):
         mine = [t for t in model.terms if t.cause == name]
         rest = list(model.terms)
@@ -65,14 +66,13 @@ def named_causes(
         if any(t.joint == ARM for t in mine):
             joints = tuple(range(1, predictor.data.n + 1))
         worst = int(np.argmax((without - full) / np.maximum(without, 1e-300)))
-        cause, first = predictor.causes[name], _coefficients(judged, mine[0])
-        what = cause.describe(predictor.data, first, mine[0].shape)
+        what = predictor.causes[name].describe(predictor.data, own[mine[0]], mine[0].shape)
         out.append(
             NamedCause(
                 name=name,
                 joints=joints,
                 gain_percent=percent_lost(*(x[some] for x in (without, full, nominal))),
-                parameters={t.joint + 1: _estimates(judged, t, drawn) for t in mine},
+                parameters={t.joint + 1: _estimates(judged, t, own[t], drawn) for t in mine},
                 nats=nats,
                 rivals=tuple(rivals),
                 evidence=(
@@ -102,15 +102,9 @@ def _rivals(
     return sorted(best.items(), key=lambda x: x[1])[: 2 * MOST_ALIKE]
 
 
-def _coefficients(judged: Judged, term: Term) -> Array:
-    """Return (k,) coefficients of a term of the model."""
-    parts = judged.predictor.problem.split(judged.terms, judged.coefficients)
-    return parts[judged.terms.index(term)]
-
-
-def _estimates(judged: Judged, term: Term, drawn: Draws) -> dict[str, Estimate]:
-    """Return the parameters of a term with their 95 % intervals."""
-    predictor, mine = judged.predictor, _coefficients(judged, term)
+def _estimates(judged: Judged, term: Term, mine: Array, drawn: Draws) -> dict[str, Estimate]:
+    """Return the parameters of a term of coefficients (k,) with their 95 % intervals."""
+    predictor = judged.predictor
     cause = predictor.causes[term.cause]
     samples = [cause.values(x, shape) for x, shape in drawn[judged.terms.index(term)]]
     data, grid = predictor.data, cause.grid(predictor.data, term.joint)

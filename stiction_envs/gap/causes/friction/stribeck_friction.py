@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.servo.servo_parameters import InServo
@@ -52,10 +52,6 @@ class StribeckFriction(Cause):
         of_every_joint=True,
         evidence="the joint needs more torque to start than to go on",
     )
-
-    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return a twentieth of what the joint can bear [N·m]; assumed."""
-        return Prior(np.array([0.05 * data.strength[joint]]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""

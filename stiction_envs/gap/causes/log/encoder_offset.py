@@ -56,6 +56,7 @@ class EncoderOffset(Cause):
     shown_at_rest: ClassVar[bool] = True
     acts_on: ClassVar[str] = ALL_OF_ONE
     adds_to: ClassVar[str] = ZERO
+    least: ClassVar[float] = LEAST
     parameters: ClassVar = (Parameter("offset_rad", "rad", -2 * np.pi, 2 * np.pi),)
     view: ClassVar = View(
         "−∂τ/∂q of the joint [N·m/rad]",
@@ -111,13 +112,6 @@ class EncoderOffset(Cause):
         """Return the offset that was found."""
         found = float(coefficients[0])
         return (found,) if abs(found) > LEAST else shape
-
-    def possible(
-        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
-    ) -> bool:
-        """Return whether the offset is one, and not the largest."""
-        usual = super().possible(data, joint, coefficients, shape, level)
-        return usual and abs(float(coefficients[0])) >= LEAST
 
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm whose joint reads δ more: at zero its link is turned by −δ."""
