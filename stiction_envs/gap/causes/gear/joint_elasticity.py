@@ -65,7 +65,8 @@ class JointElasticity(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque of the link's deflection on all joints."""
-        delta = deflections(data, joint, [shape])[:, 0]
+        spring = (*shape, DAMPINGS[2])[:2]  # a model file may hold the stiffness alone
+        delta = deflections(data, joint, [spring])[:, 0]
         return torque_of(data, joint, delta)[..., None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
