@@ -200,7 +200,7 @@ def inside(found: Diagnosis, hidden: Hidden) -> dict[str, bool]:
 def second(case: HiddenLogs, found: Diagnosis) -> Row:
     """Return (7,) errors on the second motion [N·m]: of the extended model, and of the truth."""
     friction = None if isinstance(case.nominal, str) else case.nominal
-    signals = prepare(case.unhidden, cutoff_hz=found.data.cutoff)
+    signals = prepare(case.unhidden, cutoff_hz=found.data.recording.cutoff)
     truth = assemble(case.bare.rigid, signals, friction=friction)
     left = np.sqrt(np.square(truth.tau - truth.nominal).mean(axis=0))
     extended = check_model(found, case.second).extended_rms

@@ -42,10 +42,10 @@ AIM = 1.1
 
 def columns(data: Data) -> tuple[Array, Array]:
     """Return (T, n, 10 n) the links' regressor, and (n, T, 4) each joint's own columns."""
-    shared = torque_regressor(data.pinocchio, data.q, data.dq, data.ddq)
-    one = np.ones(len(data.t))
+    shared = torque_regressor(data.recording.pinocchio, data.q, data.dq, data.ddq)
+    one = np.ones(len(data.q))
     own = [
-        np.stack([data.smooth(data.direction(j)), data.dq[:, j], one, data.ddq[:, j]], axis=1)
+        np.stack([data.smooth(data.directions[:, j]), data.dq[:, j], one, data.ddq[:, j]], axis=1)
         for j in range(data.n)
     ]
     return shared, np.stack(own)
@@ -127,7 +127,7 @@ def measure(one: Row) -> Row:
     }
     if isinstance(found, LogDiagnosis):
         assert found.check is not None
-        out["read"] += [x.split(":")[0] for x in found.diagnosis.findings]
+        out["read"] += [x.split(":")[0] for x in found.diagnosis.data.recording.findings]
         out["dense"] = dense(found.diagnosis.base, found.check.data).tolist()
     return out
 

@@ -77,8 +77,8 @@ def row_of(d: Diagnosis, shown: Any) -> Row:
     data = d.data
     shown = [j - 1 for j in shown]
     rms = {k: v.tolist() for k, v in usual(d).items()} | {"extended": d.extended_rms.tolist()}
-    at = np.unique(np.linspace(0, len(data.t) - 1, DRAWN).astype(int))
-    clock = np.cumsum(np.r_[0.0, np.clip(np.diff(data.t), 0.0, 1.0)])
+    at = np.unique(np.linspace(0, len(data.q) - 1, DRAWN).astype(int))
+    clock = np.cumsum(np.r_[0.0, np.clip(np.diff(data.recording.t), 0.0, 1.0)])
     samples = {
         str(j): {
             "t": clock[at].tolist(),
@@ -95,9 +95,9 @@ def row_of(d: Diagnosis, shown: Any) -> Row:
         "shown": [j + 1 for j in shown],
         "rms": rms,
         "noise": data.noise.tolist(),
-        "cutoff_hz": data.cutoff,
-        "blocks": data.blocks,
-        "rows": len(data.t),
+        "cutoff_hz": data.recording.cutoff,
+        "blocks": int(data.block.max()) + 1,
+        "rows": len(data.q),
         "causes": d.to_json()["causes"],
         "samples": samples,
     }
@@ -111,7 +111,7 @@ def held_out(data: Data, columns: list[np.ndarray], target: np.ndarray) -> np.nd
     out = np.zeros(data.n)
     for j, x in enumerate(columns):
         y, left, count = target[:, j], 0.0, 0
-        for b in range(data.blocks):
+        for b in range(data.block.max() + 1):
             test, fit = data.block == b, (data.block >= 0) & (data.block != b)
             c = np.linalg.lstsq(x[fit], y[fit], rcond=1e-8)[0] if x.shape[1] else np.zeros(0)
             left += float(np.sum((y[test] - x[test] @ c) ** 2))
@@ -126,9 +126,9 @@ def usual(d: Diagnosis) -> dict[str, np.ndarray]:
     Given published masses, whatever the baseline of the tool was.
     """
     data = d.base
-    one = np.ones((len(data.t), 1))
+    one = np.ones((len(data.q), 1))
     friction = [
-        np.column_stack([data.smooth(data.direction(j)), data.dq[:, j]]) for j in range(data.n)
+        np.column_stack([data.smooth(data.directions[:, j]), data.dq[:, j]]) for j in range(data.n)
     ]
     moves = [np.ptp(data.q[:, j]) > 0.2 for j in range(data.n)]
     friction = [x if m else x[:, :0] for x, m in zip(friction, moves, strict=True)]

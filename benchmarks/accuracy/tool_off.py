@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs import diagnose
-from stiction_envs.gap.model_file import resolve
+from stiction_envs.gap.model_file import nominal_of
 from stiction_envs.gap.report.results import LogDiagnosis
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
@@ -47,7 +47,7 @@ def without(text: str, cause: str) -> str:
 
 def error(arm: Arm, model: Path, logs: list[JointLog], cutoff: float) -> NDArray[np.float64]:
     """Return (n,) error of a model file on logs, filtered as in its diagnosis [N·m]."""
-    nominal = resolve(model, arm)
+    arm, nominal = nominal_of(arm, model)
     data = nominal.extend(assemble(arm, prepare(logs, cutoff_hz=cutoff), friction=nominal.friction))
     return np.asarray(np.sqrt(np.mean(np.square(data.residual[data.block >= 0]), axis=0)))
 
@@ -68,7 +68,7 @@ def edited(case: HiddenLogs, folder: Path) -> tuple[str, NDArray[np.float64], ND
             (own,) = cause.parameters.values()
             x = own["mass_kg"]
             mass = f"{x.value:.3f} [{x.ci95[0]:.3f}, {x.ci95[1]:.3f}]"
-    cutoff = float(found.diagnosis.data.cutoff)
+    cutoff = float(found.diagnosis.data.recording.cutoff)
     return mass, error(case.robot, path, case.unhidden, cutoff), free.diagnosis.extended_rms
 
 

@@ -308,7 +308,7 @@ def _diagnose_joint_logs(request: Request) -> DiagnosisResult:
     if check and request.progress is not None:
         request.progress("check", 0.0)
     checked = check_model(found, check) if check else None
-    return LogDiagnosis(diagnosis=found, torque=side, check=checked, **origin)
+    return LogDiagnosis(diagnosis=found, check=checked, **origin)
 
 
 def default_nominal(

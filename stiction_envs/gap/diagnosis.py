@@ -11,8 +11,8 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, rms
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
@@ -22,7 +22,7 @@ from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.judge.judgement import WIDTH, Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
-from stiction_envs.gap.links import LinkErrors, link_errors
+from stiction_envs.gap.links import LinkErrors, link_errors, root_of
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, judge
 from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
@@ -37,7 +37,6 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 SAME_GAIN = 0.005
 """Error of a torque's factor that is not worth another search [-]; assumed."""
 OTHER_GAIN = 0.1
@@ -77,14 +76,6 @@ class Diagnosis(Judgement):
     """The logs against the nominal friction, without causes of earlier diagnoses."""
     baseline: Nominal
     """The nominal model."""
-    torque_sign: int
-    """1 where the logs' torques drive the joints, -1 where they were inverted; 0 where unknown."""
-    torque_unit: Array | None = None
-    """(n,) or (1,) what 1 N·m is in the unit of the logs' torques; None for N·m."""
-    findings: tuple[str, ...] = ()
-    """What is wrong with units, channels and mounting."""
-    set_up: bool = False
-    """Whether mounting or a joint's direction differ, with which nothing else can be named."""
     notes: tuple[str, ...] = ()
     """How the signals and the noise floor were computed."""
 
@@ -203,7 +194,8 @@ def diagnose_signals(
     if signals.set_up:  # the model is another arm: whatever is named beside that, is false
         causes = [c for c in causes if c.adds_to == ALL_LINKS]
     if signals.zero_off is not None:
-        causes = [c.near(signals.zero_off) if isinstance(c, EncoderOffset) else c for c in causes]
+        far = EncoderOffset(signals.zero_off)
+        causes = [far if isinstance(c, EncoderOffset) else c for c in causes]
     judged = judge(data, causes, say)
     gain, known = _gains(judged)
     off = known & (np.abs(gain - 1) > (SAME_GAIN if data.converted else OTHER_GAIN))
@@ -213,11 +205,11 @@ def diagnose_signals(
         other_base = compare(other_signals)
         again = judge(baseline.extend(other_base), causes, say)
         if _gains(again)[1][off].all():  # else, something takes the gain's place
-            judged, read, signals, base = again, other_read, other_signals, other_base
-    return _conclude(baseline, base, read, signals, judged, seed, say)
+            judged, read, base = again, other_read, other_base
+    return _conclude(baseline, base, read, judged, seed, say)
 
 
-def _gains(judged: Judged) -> tuple[Array, NDArray[np.bool_]]:
+def _gains(judged: Judged) -> tuple[Array, Bools]:
     """Return (n,) gains of the joints' torques, and (n,) whether they are well known."""
     predictor, terms, c = judged.predictor, judged.terms, judged.coefficients
     slopes = gains(predictor, terms, np.eye(len(c))) - 1
@@ -231,14 +223,13 @@ def _conclude(
     baseline: Nominal,
     base: Data,
     logs: Sequence[JointLog],
-    signals: Signals,
     judged: Judged,
     seed: int,
     say: Callable[[str, float], None],
 ) -> Diagnosis:
     predictor = judged.predictor
     data, kept = predictor.data, predictor.fold >= 0
-    nominal_rms = np.sqrt(np.mean(np.square(data.logged_residual[kept]), axis=0))
+    nominal_rms = rms(data.logged_residual[kept])
     extended_rms = held_out(judged, lambda part: say("held-out rows", part))
     some = data.measured
     if percent_gained(nominal_rms[some], extended_rms[some]) <= 0:  # it names nothing then
@@ -262,7 +253,11 @@ def _conclude(
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=np.where(some, data.noise, nominal_rms),
-        what_to_record=_what_to_record([c.name for c in named], [x.name for x in hidden]),
+        what_to_record=tuple(
+            f"to see {x.name}: {cause_named(x.name).what_to_record}"
+            for x in hidden
+            if all(x.name != c.name for c in named)
+        ),
         logs=tuple(logs),
         data=data,
         predictor=predictor,
@@ -272,18 +267,13 @@ def _conclude(
         doubt=tuple(doubt),
         base=base,
         baseline=baseline,
-        torque_sign=signals.torque_sign or baseline.torque_sign,
-        torque_unit=signals.torque_unit if (signals.torque_unit != 1).any() else None,
-        findings=signals.findings,
-        set_up=signals.set_up,
-        notes=(*signals.findings, *signals.notes),
+        notes=(*data.recording.findings, *data.recording.notes),
     )
 
 
 def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
     """Return the verdict of ``diagnosis.json`` from the errors (n,) of both models [N·m]."""
-    size = np.sqrt(np.mean(np.square(data.tau), axis=0))
-    enough = np.maximum(CLOSE * data.noise, SMALL * size)
+    enough = np.maximum(CLOSE * data.noise, SMALL * rms(data.tau))
     moved = float(np.ptp(data.q, axis=0).max()) > TRAVEL_SPAN
     if not moved:
         return "cannot tell"
@@ -292,12 +282,6 @@ def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
     if not named and (extended > enough).any():
         return "cannot tell"
     return "partly explained" if (extended > enough).any() else "explained"
-
-
-def _what_to_record(named: Sequence[str], hidden: Sequence[str]) -> tuple[str, ...]:
-    """Return the motions that would show what was not shown, each once."""
-    each = [(name, cause_named(name).what_to_record) for name in dict.fromkeys(hidden)]
-    return tuple(f"to see {name}: {motion}" for name, motion in each if name not in named)
 
 
 def _log_notes(logs: Sequence[JointLog]) -> list[str]:
@@ -314,6 +298,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
     before = diagnosis.baseline
     data, arm = diagnosis.data, diagnosis.data.arm
     c = diagnosis.coefficients if coefficients is None else coefficients
+    unit = data.recording.torque_unit
     level = 1 + max((p.level for p in before.parts), default=0)
     split = diagnosis.predictor.problem.split(diagnosis.terms, c)
 
@@ -345,10 +330,9 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
     seen = NEGLIGIBLE * data.noise
     parts = []
     for term, mine, factor in zip(diagnosis.terms, split, diagnosis.doubt, strict=True):
-        if term.small and term.shape != LINKS:
-            torque = diagnosis.predictor.torques([term], mine)[term]
-            if (np.sqrt(np.mean(np.square(torque), axis=0)) < seen).all():
-                continue  # nobody needs an actuator of a millinewton metre
+        torque = diagnosis.predictor.torques([term], mine)[term]
+        if term.small and term.shape != LINKS and (rms(torque) < seen).all():
+            continue  # nobody needs an actuator of a millinewton metre
         parts.append(part(term, mine, factor))
     return Nominal(
         friction=before.friction,
@@ -358,9 +342,9 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         payload=arm.payload,
         tilt=arm.tilt,
         distance=tuple(float(x) for x in data.friction.presliding_distance),
-        torque_sign=diagnosis.torque_sign,
-        torque_unit=diagnosis.torque_unit,
+        torque_sign=data.recording.torque_sign or before.torque_sign,
+        torque_unit=unit if (unit != 1).any() else None,
         torque_lag=lag_of(diagnosis.logs, before.torque_lag),
         sessions=spans(diagnosis.logs, before.sessions),
-        links=before.links if diagnosis.links is None else diagnosis.links.factor,
+        links=before.links if diagnosis.links is None else root_of(diagnosis.links.covariance),
     )

@@ -11,13 +11,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes import Part
 from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.links import root_of
 
-Array = NDArray[np.float64]
 Draws = list[list[tuple[Array, tuple[float, ...]]]]
 """For each term its (coefficients, nonlinear parameters) of every draw."""
 

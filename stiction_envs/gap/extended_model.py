@@ -97,9 +97,9 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     duration = float(np.ptp(data.recording.since_session))
     draft = ModelDraft.of(nominal.friction, data.n, mean_load=level, duration=duration)
     if nominal.friction is None:
-        draft.rotor += arm.stated.armature
+        draft.values["rotor_inertia"] += arm.stated.armature
     elif nominal.file:
-        draft.bristle[arm.stated.bristle == 0] = np.nan  # frictionloss has none
+        draft.values["bristle_stiffness"][arm.stated.bristle == 0] = np.nan  # frictionloss has none
     draft.pull += np.stack([arm.stated.stiffness, arm.stated.springref], axis=1)
     order = [c.name for c in registered()]  # drift needs the level that it drifts from
 
@@ -111,15 +111,15 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     for part in sorted(parts, key=turn):
         cause_named(part.cause).contribute(draft, part)
     loaded = changed_arm(arm, parts)
-    friction, sources = _friction(draft, data, nominal.friction, loaded)
-    plain = _for_mjcf(friction, draft, level)
+    friction, sources = _friction(draft, data, loaded)
+    plain = _for_mjcf(friction, draft)
     missing = tuple(dict.fromkeys(draft.not_in_mjcf))
     root, _ = mjcf_tree(loaded, plain, draft)
     left = np.zeros_like(data.q)
     for part, dry in draft.left_out:
         left += torque_of(cause_named(part.cause), data, part)
         if dry:
-            left[:, part.joint - 1] -= dry * data.smooth(data.direction(part.joint - 1))
+            left[:, part.joint - 1] -= dry * data.smooth(data.directions[:, part.joint - 1])
     return Extension(
         xml=mjcf_text(loaded, root, _COMMENT, missing),
         friction=friction,
@@ -171,9 +171,7 @@ def load_model(
     return replace(model, servos=read_servos(Path(path), arm.n))
 
 
-def _friction(
-    draft: ModelDraft, data: Data, base: FrictionParameters | None, arm: Arm
-) -> tuple[FrictionParameters, dict[str, str]]:
+def _friction(draft: ModelDraft, data: Data, arm: Arm) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
 
     def limited(which: Bools, text: str) -> None:
@@ -182,43 +180,33 @@ def _friction(
             draft.not_in_mjcf.append(said)
             draft.not_in_tables.append(said)
 
-    n, unknown = data.n, np.isnan(draft.bristle)
+    n, before = data.n, draft.values
+    unknown = np.isnan(before["bristle_stiffness"])
     mean, half = draft.coulomb.mean(axis=1), np.diff(draft.coulomb, axis=1)[:, 0] / -2
-    limited((mean < 0) | (draft.viscous.min(axis=1) < 0), NEGATIVE)
+    limited((mean < 0) | (before["viscous"].min(axis=1) < 0), NEGATIVE)
     mean = np.maximum(mean, LEAST_FRICTION)
     most = MOST_ASYMMETRY * mean
     limited(np.abs(half) > most * (1 + 1e-9), ASYMMETRIC)
     half = np.clip(half, -most, most)
     coulomb = np.maximum(np.stack([mean + half, mean - half], axis=1), LEAST_FRICTION)
-    rise = draft.stiction - draft.coulomb
+    rise = before["stiction"] - draft.coulomb
     limited(rise.min(axis=1) < -LEAST_FRICTION, FALLING)
     stiction = coulomb + np.maximum(rise, 0.0)
     distance = data.friction.presliding_distance
-    bristle = np.where(unknown, np.maximum(mean / distance, LEAST_BRISTLE), draft.bristle)
-    values: dict[str, Array] = {
-        k: np.full(n, q.default) for k, q in QUANTITIES.items() if q.default is not None
-    }
-    values |= {k: getattr(base, k) for k in QUANTITIES} if base is not None else {}
-    ratio = coulomb / stiction
-    own = values["load_coefficient"]
+    bristle = np.where(
+        unknown, np.maximum(mean / distance, LEAST_BRISTLE), before["bristle_stiffness"]
+    )
+    ratio, own = coulomb / stiction, before["load_coefficient"]
     # ours scales stiction, which contains Coulomb friction; the cause scales Coulomb friction
     load = own + draft.load / ratio.mean(axis=1)
     limited(load < np.minimum(own, 0.0), LIGHTER)
-    values |= {
+    values = before | {
         "stiction": stiction,
         "coulomb_ratio": ratio,
-        "stribeck_velocity": draft.stribeck,
-        "viscous": np.maximum(draft.viscous, 0.0),
+        "viscous": np.maximum(before["viscous"], 0.0),
         "load_coefficient": np.maximum(load, np.minimum(own, 0.0)),
         "bristle_stiffness": np.maximum(bristle, 1e-3),
-        "rotor_inertia": np.maximum(draft.rotor, 0.0),
-        "joint_stiffness": draft.spring,
-        "ripple_amplitude": draft.ripple[:, 0],
-        "ripple_periods": draft.ripple[:, 1],
-        "ripple_phase": draft.ripple[:, 2],
-        "warm_up_friction": draft.warm[:, 0],
-        "warm_up_time": draft.warm[:, 1],
-        "offset": draft.offset,
+        "rotor_inertia": np.maximum(before["rotor_inertia"], 0.0),
     }
 
     def say(joint: int, text: str) -> None:
@@ -237,8 +225,9 @@ def _friction(
     return friction, sources
 
 
-def _for_mjcf(friction: FrictionParameters, draft: ModelDraft, level: Array) -> FrictionParameters:
+def _for_mjcf(friction: FrictionParameters, draft: ModelDraft) -> FrictionParameters:
     """Return the friction half-way through the logs at their mean load, as MJCF represents it."""
+    level = draft.mean_load
     clipped = np.clip(level, friction.load_low, friction.load_high)
     stiction = friction.stiction + (friction.load_coefficient * clipped)[:, None]
     cold = np.exp(-draft.duration / (2 * friction.warm_up_time))  # half-way
@@ -284,7 +273,7 @@ def mjcf_tree(
     degrees = compiler is None or compiler.get("angle", "degree") == "degree"
     joints = {e.get("name"): e for e in root.iter("joint")}
     for name, (stiffness, rest), offset in zip(
-        arm.joint_names, draft.pull, draft.offset.tolist(), strict=True
+        arm.joint_names, draft.pull, draft.values["offset"].tolist(), strict=True
     ):
         if stiffness > 0:
             joints[name].set("stiffness", repr(float(stiffness)))

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes.body.bodies import link_basis, link_factor, link_squares
 from stiction_envs.gap.judge.judgement import WIDTH
 from stiction_envs.gap.judge.problem import LINKS, Term
@@ -20,7 +20,6 @@ from stiction_envs.robots.consistent import nearest_bodies
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
-Array = NDArray[np.float64]
 ROUNDING = 1e-10
 """Eigenvalues of correlations, over the largest, that are rounding [-]; assumed."""
 
@@ -40,11 +39,6 @@ class LinkErrors:
     prior: Array
     """(10 n, 10 n) covariance of the links' parameters before the logs: CAD's, or an earlier
     diagnosis's."""
-
-    @property
-    def factor(self) -> Array:
-        """(10 n, k) F of the covariance F Fᵀ."""
-        return root_of(self.covariance)
 
     @property
     def mass(self) -> Array:
@@ -120,7 +114,7 @@ def link_errors(predictor: TorquePredictor, terms: Sequence[Term], c: Array) -> 
     if not terms or terms[0].shape != LINKS:
         return None
     data = predictor.data
-    links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
+    links, basis = inertial_parameters(data.recording.pinocchio), data.recording.derived(link_basis)
     # directions that no torque shows keep the prior's doubt
     prior = link_factor(data.recording)
     unseen = _prior(predictor) - predictor.problem.scales[0] ** 2 * basis @ basis.T
@@ -156,7 +150,7 @@ def with_found_links(predictor: TorquePredictor, terms: Sequence[Term], c: Array
 def _nearest(predictor: TorquePredictor, more: Array) -> Array:
     """Return (..., n, 10) links that exist, nearest to those that are ``more`` (..., 10 n) off."""
     data = predictor.data
-    links = inertial_parameters(data.pinocchio)
+    links = inertial_parameters(data.recording.pinocchio)
     torques = np.tensordot(predictor.information(), data.recording.derived(link_squares), axes=1)
     hessian = torques + np.linalg.pinv(_prior(predictor), hermitian=True)
     wanted = links + more.reshape(*more.shape[:-1], *links.shape)

@@ -104,40 +104,35 @@ class Nominal:
             raise StictionError(f"{where}: {error}") from None
 
     def extend(self, data: Data) -> Data:
-        """Return data against the nominal model with its causes."""
+        """Return data against the nominal model with its causes, added level by level."""
         if not self.parts:
             return data
         own = data.friction.presliding_distance
         if self.distance is not None:
             data = data.with_presliding(np.array(self.distance))
-        return with_causes(data, self.parts).with_presliding(own)
-
-
-def with_causes(data: Data, parts: Sequence[Part]) -> Data:
-    """Return data against a nominal model to which causes were added."""
-    for level in sorted({p.level for p in parts}):
-        causes = [(p, cause_named(p.cause)) for p in parts if p.level == level]
-        arm = changed_arm(data.arm, [p for p, _ in causes])
-        changed = data if arm is data.arm else data.on(arm)
-        torque = changed.recording.rigid - data.recording.rigid
-        small = any(cause.adds_to == ALL_LINKS for _, cause in causes)
-        loaded = data.carrying(torque, arm=arm if small else None)
-        added = sound = torque
-        for p, cause in causes:
-            if not isinstance(cause, ActuatorDelay) and cause.adds_to not in OF_ARM:
-                more = torque_of(cause, loaded if p.carried else data, p)
-                added = added + more
-                if not cause.resembles_delay:
-                    sound = sound + more
-        for p, cause in causes:
-            if isinstance(cause, ActuatorDelay):
-                whole = cause.acting_on(data.nominal + sound) if p.carried else cause
-                added = added + torque_of(whole, data, p)
-        friction, rotor = any(c.adds_to in FRICTION for _, c in causes), np.zeros(data.n)
-        for p in (p for p, c in causes if c.adds_to == ROTOR):
-            rotor[p.joint - 1] += p.coefficients[0]
-        data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
-    return data
+        for level in sorted({p.level for p in self.parts}):
+            causes = [(p, cause_named(p.cause)) for p in self.parts if p.level == level]
+            arm = changed_arm(data.arm, [p for p, _ in causes])
+            changed = data if arm is data.arm else data.on(arm)
+            torque = changed.recording.rigid - data.recording.rigid
+            small = any(cause.adds_to == ALL_LINKS for _, cause in causes)
+            loaded = data.carrying(torque, arm=arm if small else None)
+            added = sound = torque
+            for p, cause in causes:
+                if not isinstance(cause, ActuatorDelay) and cause.adds_to not in OF_ARM:
+                    more = torque_of(cause, loaded if p.carried else data, p)
+                    added = added + more
+                    if not cause.resembles_delay:
+                        sound = sound + more
+            for p, cause in causes:
+                if isinstance(cause, ActuatorDelay):
+                    whole = cause.acting_on(data.nominal + sound) if p.carried else cause
+                    added = added + torque_of(whole, data, p)
+            friction, rotor = any(c.adds_to in FRICTION for _, c in causes), np.zeros(data.n)
+            for p in (p for p, c in causes if c.adds_to == ROTOR):
+                rotor[p.joint - 1] += p.coefficients[0]
+            data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
+        return data.with_presliding(own)
 
 
 def changed_arm(arm: Arm, parts: Sequence[Part]) -> Arm:
@@ -159,47 +154,37 @@ def nominal_of(
     tilt: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
 ) -> tuple[Arm, Nominal]:
-    """Return the rigid arm with its known payload and tilt, and the nominal model of `resolve`.
+    """Return the rigid arm with its known payload and tilt, and its nominal model.
 
     An arm has its payload [kg, m], tilt [rad] and chain; for a name or a file they are as of
     `load_model`.
-    """
-    if not isinstance(robot, Arm):
-        before = nominal if isinstance(nominal, Nominal) else Nominal()
-        if isinstance(nominal, str | Path) and Path(nominal).suffix == ".toml":
-            before = read(Path(nominal))
-        payload = before.payload if payload is None else payload
-        robot = load_arm(robot, payload=payload, tilt=tilt or before.tilt, chain=chain)
-    found = resolve(nominal, robot)
-    if not found.file:
-        robot = replace(robot, stated=without_springs(robot.stated))
-    return robot, found
-
-
-def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nominal:
-    """Return the nominal model of an arm: ``rigid``, ``file``, ``shipped``, a TOML, parameters.
 
     Raises:
         StictionError: an unknown name, an unreadable file, or a model of another arm.
     """
-    if isinstance(nominal, Nominal):
-        return nominal
-    if isinstance(nominal, FrictionParameters):
-        return Nominal(friction=nominal)
-    if nominal == "rigid":
-        return Nominal()
-    if nominal == "file":
-        return Nominal(friction=file_friction(arm) if arm.stated.friction else None, file=True)
-    if nominal == "shipped":
-        return Nominal(friction=shipped_friction(arm))
-    path = Path(nominal)
-    if path.suffix != ".toml":
+    is_toml = isinstance(nominal, str | Path) and Path(nominal).suffix == ".toml"
+    found = read(Path(str(nominal))) if is_toml else nominal
+    if not isinstance(robot, Arm):
+        before = found if isinstance(found, Nominal) else Nominal()
+        payload = before.payload if payload is None else payload
+        robot = load_arm(robot, payload=payload, tilt=tilt or before.tilt, chain=chain)
+    if isinstance(found, FrictionParameters):
+        found = Nominal(friction=found)
+    elif found == "rigid":
+        found = Nominal()
+    elif found == "file":
+        found = Nominal(friction=file_friction(robot) if robot.stated.friction else None, file=True)
+    elif found == "shipped":
+        found = Nominal(friction=shipped_friction(robot))
+    elif not isinstance(found, Nominal):
         raise StictionError(f"nominal {nominal}: expected rigid, shipped, file or a .toml")
-    found = read(path)
-    found.check(arm, f"nominal {path}")
-    if found.friction is None and found.robot is None:
-        return Nominal(friction=load_friction(path, arm.n))
-    return found
+    if is_toml:
+        found.check(robot, f"nominal {nominal}")
+        if found.friction is None and found.robot is None:
+            found = Nominal(friction=load_friction(Path(str(nominal)), robot.n))
+    if not found.file:
+        robot = replace(robot, stated=without_springs(robot.stated))
+    return robot, found
 
 
 def read(path: Path) -> Nominal:

@@ -88,7 +88,7 @@ def fit_base(predictor: TorquePredictor, columns: Array, torque: Array) -> BaseF
     seen = eigenvalues > UNKNOWN
     variance = (np.square(v[:, seen]) / eigenvalues[seen]).sum(axis=1) / size**2
     # neighbours within half a period of the filter depend on each other
-    variance *= max(1.0, 0.5 / (data.cutoff * data.dt)) / predictor.rows
+    variance *= max(1.0, 0.5 / (data.recording.cutoff * data.dt)) / predictor.rows
     known = np.square(v[:, ~seen]).sum(axis=1) < UNKNOWN
     without = np.array([fitted(whole - x, along - y) for x, y in zip(xx, xr, strict=True)])
     jackknife = (FOLDS - 1) * without.var(axis=0)
@@ -196,7 +196,7 @@ def all_columns(predictor: TorquePredictor) -> Array:
         for cause in predictor.causes.values()
         if cause.acts_on != THE_ARM
     ]
-    return columns_of(data.pinocchio, data.q, data.dq, data.ddq, np.stack(own, axis=2))
+    return columns_of(data.recording.pinocchio, data.q, data.dq, data.ddq, np.stack(own, axis=2))
 
 
 def parameters(predictor: TorquePredictor, terms: Sequence[Term]) -> Array:
@@ -211,7 +211,7 @@ def parameters(predictor: TorquePredictor, terms: Sequence[Term]) -> Array:
     own = np.zeros((len(c), len(kinds), n))
     if LinkInertia.name in kinds:
         own[:, kinds.index(LinkInertia.name)] = predictor.data.friction.rotor
-    links = np.tile(inertial_parameters(predictor.data.pinocchio), (len(c), 1, 1))
+    links = np.tile(inertial_parameters(predictor.data.recording.pinocchio), (len(c), 1, 1))
     for term, mine in zip(terms, problem.split(terms, c), strict=True):
         if term.joint != ARM:
             own[:, kinds.index(term.cause), term.joint] += mine[:, 0]

@@ -296,7 +296,7 @@ def identify(
     data = assemble(arm, signals, torque=side)
     base, unit_torque = structural_base(arm, fits.kinds_of(side))
     # neighbours within half a period of the filter depend on each other
-    independent = np.nanmin([1.0, 2 * data.cutoff * data.dt])
+    independent = np.nanmin([1.0, 2 * data.recording.cutoff * data.dt])
     seen = int(data.n * np.count_nonzero(data.block >= 0) * independent)
     if seen < 2 * base.size:
         raise StictionError(

@@ -180,7 +180,7 @@ def test_sensors_that_measure_nothing_are_left_out() -> None:
     found = named_alone(log, ur10(3.0), "viscous_friction", truth=truth)
     assert {c.joints for c in found.causes} == {(1, 2, 3)}
     assert found.verdict == "explained"
-    assert "the torque of joints 4, 5 and 6 is not measured" in found.findings[0]
+    assert "the torque of joints 4, 5 and 6 is not measured" in found.notes[0]
     assert found.gain_percent > 90  # of the joints that are measured
 
 
@@ -190,7 +190,7 @@ def test_an_arm_on_the_ceiling_is_said_to_be_there() -> None:
     made.tau -= 2 * made.gravity()
     found = diagnose_logs([made.log(noise=0.1)], ur10())
     assert (found.verdict, found.causes) == ("cannot tell", ())
-    assert "mounted on a ceiling? `--tilt 3.14159 0`" in found.findings[0]
+    assert "mounted on a ceiling? `--tilt 3.14159 0`" in found.notes[0]
 
 
 @pytest.mark.slow
@@ -219,7 +219,7 @@ def test_torques_without_gravity_are_told_from_friction_on_joints_that_turn_one_
     truth = {"gravity_compensation_missing": {0: 1.0}, "viscous_friction": of_joints(SLOPE)}
     log = made.log(noise=0.3)
     found = named_alone(log, ur10(), truth=truth, gravity_compensation_missing=0.02)
-    assert found.findings[0].startswith("the torques lack gravity, but not friction")
+    assert found.notes[0].startswith("the torques lack gravity, but not friction")
 
 
 def test_an_offset_above_dry_friction_is_no_asymmetry_where_joints_never_rest() -> None:

@@ -77,7 +77,7 @@ def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
         "verdict": "does not hold",
         "worse_joints": [1],
         "not_transferring": ["external_spring"],
-        "cutoff_hz": sprung.data.cutoff,
+        "cutoff_hz": sprung.data.recording.cutoff,
     }
 
 
@@ -87,8 +87,8 @@ def test_diagnose_holds_its_model_against_logs_that_took_no_part(two, tmp_path):
     write_csv(tmp_path / "other.csv", other)
     third = replace(hidden(two, dry, seed=8, seconds=8.0), source="third")
     found = st.diagnose(log, two, check=[tmp_path / "other.csv", third])
-    assert found.check.data.cutoff == found.diagnosis.data.cutoff
-    assert f"cutoff {found.check.data.cutoff:.3g} Hz" in found.check.notes[0]
+    assert found.check.data.recording.cutoff == found.diagnosis.data.recording.cutoff
+    assert f"cutoff {found.check.data.recording.cutoff:.3g} Hz" in found.check.notes[0]
     assert found.check.verdict == "holds"
     assert [x.source for x in found.check.logs] == [str(tmp_path / "other.csv"), "third"]
     assert "On logs that took no part the model holds" in found.summary

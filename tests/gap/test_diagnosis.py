@@ -11,7 +11,6 @@ from scipy.signal import lfilter
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
-from stiction_envs.gap.model_file import with_causes
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.hidden.hidden_logs import HiddenLogs, make_case
 from tests.gap.small_logs import hidden, panda, sliding
@@ -62,7 +61,7 @@ def test_friction_feels_the_payload_that_was_found() -> None:
     assert set(named) == set(hidden)
     for name in hidden:
         check_size(case, named[name], 0.02)
-    model = with_causes(found.base, model_of(found).parts)
+    model = model_of(found).extend(found.base)
     added = np.stack([found.torque(j) for j in range(7)], axis=1)
     assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
     again = diagnose_logs(case.logs, "panda", nominal=model_of(found))

@@ -82,7 +82,7 @@ def _as_wide_as_their_columns(data):
 
 
 def rows_of(data):
-    return np.linspace(50, len(data.t) - 50, 12).astype(int)
+    return np.linspace(50, len(data.q) - 50, 12).astype(int)
 
 
 def forces(xml: str, data) -> tuple[np.ndarray, np.ndarray]:
@@ -232,7 +232,7 @@ def test_the_nominal_torque_has_the_friction_s_ripple_and_warm_up():
     both = judged_by(Nominal(robot="panda", friction=with_both))
     added = (both.nominal - plain.nominal)[:, 3]
     cold = np.exp(-plain.recording.since_session / 20.0)
-    dry = plain.smooth(plain.direction(3)) * plain.friction.level[3]
+    dry = plain.smooth(plain.directions[:, 3]) * plain.friction.level[3]
     fast = np.abs(plain.dq[:, 3]) > 0.3  # friction is at its level in motion
     want = -0.3 * np.sin(12.0 * plain.q[:, 3] + 0.4) + cold * (
         0.5 * dry + 0.2 * with_both.viscous[3].mean() * plain.dq[:, 3]

@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.gap.causes import TOLERANCES, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
-from stiction_envs.gap.links import LinkErrors, link_errors
+from stiction_envs.gap.links import LinkErrors, link_errors, root_of
 from stiction_envs.gap.model_file import read
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.robots import Arm
@@ -69,7 +69,7 @@ def test_a_model_hands_its_doubt_on(bare, tmp_path) -> None:
     path = write_model(tmp_path, bare)
     known = read(path)
     assert known.links is not None
-    assert np.array_equal(known.links, bare.links.factor)
+    assert np.array_equal(known.links, root_of(bare.links.covariance))
     tool = cause_named("payload")
     body = tool.part_of(np.array([1.0, 0.0, 0.0, 0.05, *[0.0] * 6]), (0.0, 0.0, 0.0))[0]
     log = hidden(arm, true=tool.changed(true, part("payload", 0, *body)), seed=2)

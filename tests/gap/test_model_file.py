@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.extended_model import load_model
-from stiction_envs.gap.model_file import read, resolve
+from stiction_envs.gap.model_file import nominal_of, read
 from tests.gap.small_logs import dry, hidden, panda, write_model
 from tests.refusal import refusal
 
@@ -99,7 +99,7 @@ def table(name: str, joint: int, shape: str, coefficients: str) -> str:
 def test_a_broken_file_is_refused_in_one_line(tmp_path, text, says):
     path = tmp_path / "m.toml"
     path.write_text(text)
-    assert "m.toml" in refusal(lambda: resolve(path, panda()), re.escape(says))
+    assert "m.toml" in refusal(lambda: nominal_of(panda(), path), re.escape(says))
 
 
 @given(number=st.sampled_from([*NUMBERS, *WHOLE]), value=st.floats())

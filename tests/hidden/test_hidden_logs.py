@@ -62,7 +62,7 @@ def test_a_joint_that_reads_off_stands_elsewhere_and_goes_on_from_there() -> Non
     for logs in (case.logs, case.second):
         data = against(load_arm("panda"), logs)
         there = data.q - offset * np.eye(7)[1]
-        right = inverse_dynamics(data.pinocchio, there, data.dq, data.ddq)
+        right = inverse_dynamics(data.recording.pinocchio, there, data.dq, data.ddq)
         left = [rms(data.tau - x)[1] for x in (data.rigid, right)]
         assert left[0] > 0.5 > 5 * left[1]
 

@@ -141,6 +141,8 @@ class Cause:
     `ROTOR`, or one of `OF_ARM`, whose torque the gears transmit."""
     is_linear: ClassVar[bool] = True
     """Whether its nonlinear parameters, if any, follow from its coefficients."""
+    least: ClassVar[float] = 0.0
+    """Size of its first coefficient below which it is none."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of causes that a joint's model must have with this one."""
     resembles_delay: ClassVar[bool] = False
@@ -163,8 +165,11 @@ class Cause:
     # ---- torque ------------------------------------------------------------------------------
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return the prior of the cause's coefficients on a joint (from 0; -1 for the arm)."""
-        raise NotImplementedError
+        """Return the prior of the cause's coefficients on a joint (from 0; -1 for the arm).
+
+        By default that of one torque: a twentieth of what the joint can bear [N·m]; assumed.
+        """
+        return Prior(np.array([0.05 * data.strength[joint]]))
 
     def joints(self, data: Data) -> list[int]:
         """Return the joints (from 0) on which it is a hypothesis; -1 is the whole arm."""
@@ -256,7 +261,8 @@ class Cause:
         """
         low, high = limits(self, self.prior(data, joint, shape), data)
         k = len(coefficients)
-        return bool(np.all((coefficients > low[:k]) & (coefficients < high[:k])))
+        inside = np.all((coefficients > low[:k]) & (coefficients < high[:k]))
+        return bool(inside and abs(coefficients[0]) >= self.least)
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return coefficients and nonlinear parameters as a model file holds them."""

@@ -11,15 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.arrays import Array
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 
-Array = NDArray[np.float64]
 STRIBECK = 0.05
 """Stribeck velocity where none was found [rad/s]: without effect; assumed."""
-WARM_UP_TIME = 1200.0
-"""Time constant of a warm-up where none was found [s]: without effect; assumed."""
 LEAST_FRICTION = 1e-6
 """Dry friction of a joint without any [N·m]: the least that `FrictionParameters` allow."""
 LATE = 5.0
@@ -57,28 +54,12 @@ class Part:
 class ModelDraft:
     """The sum of all causes; (n,) per joint or (n, 2) per joint and direction (+, −)."""
 
+    values: dict[str, Array]
+    """Quantities of `FrictionParameters`, by name; bristle stiffness is NaN where none is known."""
     coulomb: Array
-    """(n, 2) dry friction in motion [N·m]."""
-    stiction: Array
-    """(n, 2) dry friction at rest [N·m]."""
-    stribeck: Array
-    """(n, 2) Stribeck velocity [rad/s]."""
-    viscous: Array
-    """(n, 2) [N·m·s/rad]."""
+    """(n, 2) dry friction in motion [N·m], in place of its ratio to stiction."""
     load: Array
     """(n,) Coulomb friction per N·m of load that was found [-]."""
-    bristle: Array
-    """(n,) stiffness σ0 [N·m/rad]; NaN where none is known."""
-    rotor: Array
-    """(n,) inertia [kg·m²]."""
-    spring: Array
-    """(n,) stiffness between rotor and link [N·m/rad]; infinite for rigid joints."""
-    offset: Array
-    """(n,) torque that a motor must overcome [N·m]."""
-    ripple: Array
-    """(n, 3) amplitude [N·m], periods per turn and phase [rad] of MuJoCo's cogging."""
-    warm: Array
-    """(n, 2) relative rise of cold friction [-] and time constant [s]."""
     pull: Array
     """(n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world."""
     waves: list[tuple[int, float, float, float]] = field(default_factory=list)
@@ -96,44 +77,33 @@ class ModelDraft:
 
     @classmethod
     def of(
-        cls,
-        base: FrictionParameters | None,
-        n: int,
-        *,
-        mean_load: Array | None = None,
-        duration: float = 0.0,
+        cls, base: FrictionParameters | None, n: int, *, mean_load: Array, duration: float
     ) -> ModelDraft:
         """Return the draft of a nominal model without causes.
 
         Args:
             base: its friction; None for a rigid body without any.
             n: number of joints.
-            mean_load: (n,) of the logs [N·m]; None for none.
+            mean_load: (n,) of the logs [N·m].
             duration: of the logs [s].
         """
-        none = np.zeros((n, 2))
-        draft = cls(
-            coulomb=none.copy() if base is None else base.stiction * base.coulomb_ratio,
-            stiction=none.copy() if base is None else base.stiction.copy(),
-            stribeck=none + STRIBECK if base is None else base.stribeck_velocity.copy(),
-            viscous=none.copy() if base is None else base.viscous.copy(),
+        if base is not None:
+            values = {k: np.array(getattr(base, k)) for k in QUANTITIES}
+        else:
+            values = {
+                k: np.full((n, 2)[: 1 + q.by_direction], q.default or 0.0)
+                for k, q in QUANTITIES.items()
+            }
+            values["stribeck_velocity"] += STRIBECK
+            values["bristle_stiffness"] += np.nan
+        return cls(
+            values=values,
+            coulomb=values["stiction"] * values["coulomb_ratio"],
             load=np.zeros(n),
-            bristle=np.full(n, np.nan) if base is None else base.bristle_stiffness.copy(),
-            rotor=np.zeros(n) if base is None else base.rotor_inertia.copy(),
-            spring=np.full(n, np.inf) if base is None else base.joint_stiffness.copy(),
-            offset=np.zeros(n) if base is None else base.offset.copy(),
-            ripple=np.tile([0.0, 1.0, 0.0], (n, 1)),
-            warm=np.tile([0.0, WARM_UP_TIME], (n, 1)),
-            pull=none.copy(),
-            mean_load=np.zeros(n) if mean_load is None else mean_load,
+            pull=np.zeros((n, 2)),
+            mean_load=mean_load,
             duration=duration,
         )
-        if base is not None:
-            draft.ripple = np.stack(
-                [base.ripple_amplitude, base.ripple_periods, base.ripple_phase], axis=1
-            )
-            draft.warm = np.stack([base.warm_up_friction, base.warm_up_time], axis=1)
-        return draft
 
     def leave_out(self, part: Part, why: str, *, tables: bool = True, dry: float = 0.0) -> None:
         """Note that MJCF cannot hold a part: in words, and as torque to subtract from the controls.

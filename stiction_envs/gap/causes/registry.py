@@ -9,7 +9,7 @@ from stiction_envs.gap.causes.base import ALL_LINKS, Cause
 
 IN_LOGS, IN_TABLES, IN_SERVO = "columns", "in_tables", "servo"
 """The member by which a cause says what joint logs, torque tables, and servo logs show of it."""
-_NEEDED = {IN_LOGS: ("what", "what_to_record", "parameters")}
+_IN_LOGS = "what", "what_to_record", "parameters"
 _CAUSES: dict[str, Cause] = {}
 
 
@@ -28,8 +28,7 @@ def register(cause: Cause) -> Cause:
             f"cause {type(cause).__name__}: expected {IN_LOGS}, {IN_TABLES} or {IN_SERVO}, which "
             "show it"
         )
-    more = (x for method, fields in _NEEDED.items() if _shown(cause, method) for x in fields)
-    for field in ("name", *more):
+    for field in ("name", *(_IN_LOGS if _shown(cause, IN_LOGS) else ())):
         if not getattr(cause, field, None):
             raise StictionError(f"cause {type(cause).__name__}: no {field}: expected one")
     if not re.fullmatch(r"[a-z][a-z0-9_]*", cause.name):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 from scipy.optimize import lsq_linear
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 SLOPE = 1e-9
 """Slope of the error, over the largest target, with which a coefficient may stay on its bound [-];
 assumed: rounding."""

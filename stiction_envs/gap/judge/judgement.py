@@ -9,11 +9,10 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.reporting.json_text import plain
 
-Array = NDArray[np.float64]
 WIDTH = 1.96
 """Half width of a 95 % interval of a Gaussian, in standard deviations [-]."""
 

@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotrs
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.judge.bounded_fit import solve
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 ARM = -1
 """The joint's number of a `Term` of the whole arm."""
 LINKS = (-1.0,)
@@ -73,11 +72,6 @@ class Channel:
         self._summed = 0
         self.reweigh(self.weight)
 
-    @property
-    def width(self) -> int:
-        """Number of columns P."""
-        return len(self.at)
-
     def columns(self, at: Sequence[int] | Index) -> NDArray[np.floating]:
         """Return the columns (k, T) that were added together for coefficients ``at`` (k,)."""
         return self._blocks[int(at[0])]
@@ -113,14 +107,9 @@ class Channel:
             self._whole[held_out] = xx, xr, float(rr)
         return self._whole[held_out]
 
-    def of_fold(self, fold: int) -> tuple[Array, Array, float]:
-        """Return XᵀWX (P, P), XᵀWr (P,) and rᵀWr over one fold."""
-        self._sum()
-        return self.xx[fold], self.xr[fold], float(self.rr[fold])
-
     def _sum(self) -> None:
         """Compute the sums of the columns that were added since the last time."""
-        first, last = self._summed, self.width
+        first, last = self._summed, len(self.at)
         if first == last:
             return
         self._summed = last
@@ -159,8 +148,9 @@ class Problem:
     """Coefficients of each term."""
     odds: dict[Term, float] = field(default_factory=dict)
     """Log prior odds against each term [nats]."""
+    bounds: dict[Term, tuple[Array, Array]] = field(default_factory=dict)
+    """Lowest and highest coefficients of each term, (k,) each."""
     _sd: dict[Term, Array] = field(default_factory=dict)
-    _bounds: dict[Term, tuple[Array, Array]] = field(default_factory=dict)
     _count: int = 0
     _scores: dict[tuple[Term, ...], float] = field(default_factory=dict)
     _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict)
@@ -193,7 +183,7 @@ class Problem:
         at = range(self._count, self._count + len(sd))
         self._count += len(sd)
         self.numbers[term] = np.array(at, dtype=np.int64)
-        self._sd[term], self._bounds[term], self.odds[term] = sd, bounds, odds
+        self._sd[term], self.bounds[term], self.odds[term] = sd, bounds, odds
         for channel, x in columns.items():
             self.channels[channel].append(x, at)
         if term.small:
@@ -207,9 +197,9 @@ class Problem:
         """
         free = np.full(len(sd), np.inf)
         self.numbers[other], self._sd[other] = self.numbers[term], sd
-        self._bounds[other], self.odds[other] = self._bounds[term], self.odds[term]
+        self.bounds[other], self.odds[other] = self.bounds[term], self.odds[term]
         if other.small:
-            self._bounds[other], self.odds[other] = (-free, free), 0.0
+            self.bounds[other], self.odds[other] = (-free, free), 0.0
             self.always.append(other)
 
     def sd(self, term: Term) -> Array:
@@ -217,10 +207,6 @@ class Problem:
         if not term.small:
             return self._sd[term]
         return self._sd[term] * self.scales[0 if term.shape == LINKS else 1]
-
-    def bounds(self, term: Term) -> tuple[Array, Array]:
-        """Return lowest and highest coefficients of a term, (k,) each."""
-        return self._bounds[term]
 
     def given(
         self, inflation: Array | None = None, scales: tuple[float, float] | None = None
@@ -260,7 +246,7 @@ class Problem:
             numbers=dict(self.numbers),
             odds=dict(self.odds),
             _sd=dict(self._sd),
-            _bounds=dict(self._bounds),
+            bounds=dict(self.bounds),
             _scores={},
             _fits={},
             _sums=None,
@@ -315,10 +301,6 @@ class Problem:
         """Return (P,) numbers of a model's coefficients."""
         return np.concatenate([self.numbers[t] for t in terms] or [np.empty(0, dtype=np.int64)])
 
-    def _spread(self, terms: Sequence[Term]) -> Array:
-        """Return (P,) prior standard deviations."""
-        return np.concatenate([self.sd(t) for t in terms] or [np.empty(0)])
-
     def _solved(self, terms: Sequence[Term]) -> tuple[Array, Array, Array, Array]:
         """Return a Cholesky factor of the posterior precision and the likeliest coefficients.
 
@@ -326,7 +308,7 @@ class Problem:
         """
         if self._last is not None and self._last[0] == tuple(terms):
             return self._last[1]
-        sd = self._spread(terms)
+        sd = np.concatenate([self.sd(t) for t in terms] or [np.empty(0)])
         xx, xr = self.sums_of(terms)
         a = xx * np.outer(sd, sd) + np.eye(len(sd))
         b = xr * sd
@@ -334,7 +316,7 @@ class Problem:
         if failed:
             raise np.linalg.LinAlgError("the posterior precision is not positive definite")
         c = dpotrs(root, b, lower=True)[0] if len(b) else b
-        each = [self._bounds[t] for t in terms]
+        each = [self.bounds[t] for t in terms]
         low, high = (np.concatenate([x[k] for x in each] or [np.empty(0)]) / sd for k in (0, 1))
         if ((c < low) | (c > high)).any():
             c = solve(a, b, low, high, c)
@@ -355,21 +337,15 @@ class Problem:
         half = solve_triangular(root, np.diag(sd), lower=True)
         return np.asarray(half.T @ half)
 
-    def errors(self, terms: Sequence[Term], c: Array, fold: int | None = None) -> Array:
-        """Return (C,) weighted squared error of a model with coefficients (P,).
-
-        ``fold`` is that of whose rows it is; None for all that take part.
-        """
+    def errors(self, terms: Sequence[Term], c: Array) -> Array:
+        """Return (C,) weighted squared error of a model with coefficients (P,)."""
         whole = np.zeros(self._count)
         whole[self.at(terms)] = c
         out = np.zeros(len(self.channels))
         for k, channel in enumerate(self.channels):
             mine = whole[channel.at]
             own = np.flatnonzero(mine)
-            if fold is None:
-                xx, xr, rr = channel.sums(self.held_out)
-            else:
-                xx, xr, rr = channel.of_fold(fold)
+            xx, xr, rr = channel.sums(self.held_out)
             some = mine[own]
             out[k] = rr - 2 * xr[own] @ some + some @ xx[np.ix_(own, own)] @ some
         return np.maximum(out, 0.0)

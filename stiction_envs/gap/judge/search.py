@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.judge.problem import ARM, Term
 
-Array = NDArray[np.float64]
 NAMED = 3.0
 """Nats beyond its prior odds from which on a cause is named: 20 to 1."""
 SHORTLIST = 12

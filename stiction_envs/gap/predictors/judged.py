@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.causes.base import DRY, FRICTION, GRAVITY, OF_ARM
 from stiction_envs.gap.causes.body.bodies import leaned
@@ -30,7 +30,6 @@ from stiction_envs.gap.predictors.torque import FOLDS, PARTS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import presliding_distances
 
-Array = NDArray[np.float64]
 ROUNDS = 4
 """Largest number of searches, each with the columns given the model before [-]; assumed."""
 STARTS = (0.1, 1.0)
@@ -250,7 +249,7 @@ def _given(
     if bodies:
         leans = [shares[t][:2] for t in bodies if own[t.cause].adds_to == GRAVITY]
         side = np.sum([np.zeros(2), *leans], axis=0)
-        gravity = leaned(data.pinocchio.gravity.linear, side) if side.any() else ()
+        gravity = leaned(data.recording.pinocchio.gravity.linear, side) if side.any() else ()
         arm = with_found_links(predictor, terms, c)
         load = np.sum([torques[t] for t in bodies], axis=0)
         data = data.carrying(load, tuple(float(x) for x in gravity), arm)
@@ -377,7 +376,7 @@ def draws(judged: Judged, count: int, seed: int) -> Draws:
         doubt = gains(predictor, terms, moved[:, : len(judged.coefficients)])
     out = []
     for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
-        low, high = problem.bounds(term)
+        low, high = problem.bounds[term]
         own = np.clip(mine + split[term], low, high)
         if term.joint != ARM and term.cause != TorqueScale.name:
             own = own / doubt[term.joint][:, None]

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, rms
 from stiction_envs.gap.causes.base import ALL_LINKS
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import Draws
@@ -15,7 +15,6 @@ from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.judge.search import Search
 from stiction_envs.gap.predictors.judged import Judged, search_of
 
-Array = NDArray[np.float64]
 FAR = 5.0
 """Number of robust standard deviations at which draws are clipped [-]; assumed: a quotient whose
 divisor comes near zero has no variance."""
@@ -43,24 +42,21 @@ def named_causes(
     predictor, model = judged.predictor, judged.model
     problem, search = predictor.problem, search_of(predictor)
     now, some = problem.score(model.terms), predictor.data.measured
-    nominal, in_newton_metres = _rms(predictor.data.logged_residual), _rms(predictor.data.residual)
+    nominal, in_newton_metres = rms(predictor.data.logged_residual), rms(predictor.data.residual)
     full = _left(judged, judged.coefficients)
-    out, lost = [], {}
+    parts = problem.split(judged.terms, judged.coefficients)
+    own, out, lost = dict(zip(judged.terms, parts, strict=True)), [], {}
     for name in dict.fromkeys(t.cause for t in model.terms):
         mine = [t for t in model.terms if t.cause == name]
         rest = list(model.terms)
         for term in mine:
             rest = search.without(rest, term)
-        gone = np.concatenate(
-            [
-                np.zeros(len(problem.numbers[t])) if t in mine else np.ones(len(problem.numbers[t]))
-                for t in judged.terms
-            ]
-        )
-        without = _left(judged, judged.coefficients * gone)
+        sizes = [len(problem.numbers[t]) for t in judged.terms]
+        others = np.repeat([float(t not in mine) for t in judged.terms], sizes)
+        without = _left(judged, judged.coefficients * others)
         nats, rivals = now - problem.score(rest), list[tuple[str, float]]()
         if name == TorqueScale.name and predictor.data.converted:
-            without = _left(judged, judged.coefficients * gone, logged=True)
+            without = _left(judged, judged.coefficients * others, logged=True)
             nats = _against_newton_metres(judged, mine)
         else:
             rivals = _rivals(search, model.terms, mine, now)
@@ -70,14 +66,13 @@ def named_causes(
         if any(t.joint == ARM for t in mine):
             joints = tuple(range(1, predictor.data.n + 1))
         worst = int(np.argmax((without - full) / np.maximum(without, 1e-300)))
-        cause, first = predictor.causes[name], _coefficients(judged, mine[0])
-        what = cause.describe(predictor.data, first, mine[0].shape)
+        what = predictor.causes[name].describe(predictor.data, own[mine[0]], mine[0].shape)
         out.append(
             NamedCause(
                 name=name,
                 joints=joints,
                 gain_percent=percent_lost(*(x[some] for x in (without, full, nominal))),
-                parameters={t.joint + 1: _estimates(judged, t, drawn) for t in mine},
+                parameters={t.joint + 1: _estimates(judged, t, own[t], drawn) for t in mine},
                 nats=nats,
                 rivals=tuple(rivals),
                 evidence=(
@@ -107,15 +102,9 @@ def _rivals(
     return sorted(best.items(), key=lambda x: x[1])[: 2 * MOST_ALIKE]
 
 
-def _coefficients(judged: Judged, term: Term) -> Array:
-    """Return (k,) coefficients of a term of the model."""
-    parts = judged.predictor.problem.split(judged.terms, judged.coefficients)
-    return parts[judged.terms.index(term)]
-
-
-def _estimates(judged: Judged, term: Term, drawn: Draws) -> dict[str, Estimate]:
-    """Return the parameters of a term with their 95 % intervals."""
-    predictor, mine = judged.predictor, _coefficients(judged, term)
+def _estimates(judged: Judged, term: Term, mine: Array, drawn: Draws) -> dict[str, Estimate]:
+    """Return the parameters of a term of coefficients (k,) with their 95 % intervals."""
+    predictor = judged.predictor
     cause = predictor.causes[term.cause]
     samples = [cause.values(x, shape) for x, shape in drawn[judged.terms.index(term)]]
     data, grid = predictor.data, cause.grid(predictor.data, term.joint)
@@ -139,10 +128,6 @@ def near(samples: Array) -> Array:
     return np.asarray(np.clip(samples, middle - far, middle + far))
 
 
-def _rms(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(np.square(x), axis=0)))
-
-
 def _left(judged: Judged, c: Array, *, logged: bool = False) -> Array:
     """Return (n,) error of a model on all rows, root mean square [N·m].
 
@@ -151,7 +136,7 @@ def _left(judged: Judged, c: Array, *, logged: bool = False) -> Array:
     data = judged.predictor.data
     residual = data.logged_residual if logged else data.residual
     each = [residual[:, j] - judged.predictor.torque(judged.terms, c, j) for j in range(data.n)]
-    return _rms(np.stack(each, axis=1))
+    return rms(np.stack(each, axis=1))
 
 
 def _against_newton_metres(judged: Judged, gains: Sequence[Term]) -> float:
@@ -176,21 +161,19 @@ def shares(judged: Judged) -> dict[str, float]:
     The named causes' torque is taken off first, then that of the links' small errors, then that of
     the set-up's.
     """
-    data, torques = (
-        judged.predictor.data,
-        judged.predictor.torques(judged.terms, judged.coefficients),
-    )
+    data = judged.predictor.data
+    torques = judged.predictor.torques(judged.terms, judged.coefficients)
     kinds = {
         "named": [x for t, x in torques.items() if not t.small],
         "links": [x for t, x in torques.items() if t.shape == LINKS],
         "set_up": [x for t, x in torques.items() if t.small and t.shape != LINKS],
     }
     left = np.array(data.residual)
-    nominal = np.maximum(_rms(data.logged_residual), 1e-300)
+    nominal = np.maximum(rms(data.logged_residual), 1e-300)
     out, before = dict[str, float](), np.ones(data.n)
     for kind, some in kinds.items():
         left -= np.sum([np.zeros_like(left), *some], axis=0)
-        now = _rms(left) / nominal
+        now = rms(left) / nominal
         out[kind] = float(100 * np.mean((before - now)[data.measured]))
         before = now
     return {**out, "left": float(100 * np.mean(before[data.measured]))}
@@ -223,7 +206,7 @@ def not_shown(judged: Judged) -> tuple[NotShown, ...]:
                 terms = problem.model([*judged.model.terms, term])
                 k = len(problem.numbers[term])
                 mean = float(problem.fit(terms)[-k])
-                least, most = problem.bounds(term)
+                least, most = problem.bounds[term]
                 if not least[0] < mean < most[0]:
                     continue  # the data say that there is none
                 posterior = float(np.sqrt(problem.covariance(terms)[-k, -k]))

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stiction_envs.arrays import Array, Bools, Index, rms
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.base import (
     ALL_LINKS,
@@ -30,11 +31,8 @@ from stiction_envs.gap.causes.base import (
 from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import rate
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 APART = 0.25
 """Time between independent observations [s]; assumed."""
 PARTS = (1.0, 0.1)
@@ -103,9 +101,9 @@ class TorquePredictor:
         self.rows = max(APART / data.dt, 1.0) if np.isfinite(data.dt) else 1.0
         self.repeats = np.ones(data.n)
         self.problem = Problem(channels, np.full(data.n, self.rows))
-        self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
+        self._slope = data.rate(data.tau)
         self._resting = resting(data)
-        self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
+        self._usual = rms(data.nominal)
         self.expect(self.problem, np.tile((SHARES[1], DELAYS[1]), (data.n, 1)))
         self._add_candidates()
         self._found = self._before = None
@@ -215,7 +213,10 @@ class TorquePredictor:
             if cause.is_linear:
                 left = data.residual[:, max(joint, 0)]
                 self.offer(cause, joint, cause.shapes(data, max(joint, 0), left))
-        left = self._left_by_friction() if self._found is None else self._left_by_found()
+        if self._found is None:
+            left = self._left_by_friction()
+        else:
+            left = data.residual - np.sum(list(self._found.values()), axis=0)
         for cause, joint in offered:
             if not cause.is_linear:
                 j = max(joint, 0)
@@ -274,10 +275,6 @@ class TorquePredictor:
         return np.stack(
             [data.residual[:, j] - self.torque(model, c, j) for j in range(data.n)], axis=1
         )
-
-    def _left_by_found(self) -> Array:
-        """Return (T, n) what the earlier model leaves [N·m]."""
-        return self.data.residual - np.sum(list((self._found or {}).values()), axis=0)
 
     def affected_joints(self, term: Term) -> list[int]:
         """Return the joints (from 0) whose torques a term acts on."""
@@ -340,16 +337,12 @@ class TorquePredictor:
         columns = self.problem.channels[joint].columns(self.problem.numbers[term])
         return columns.T.astype(np.float64)
 
-    def part(self, term: Term, joint: int, mine: Array) -> Array:
-        """Return (T,) torque of a term on a joint with its coefficients [N·m]."""
-        return self.columns(term, joint) @ mine
-
     def torque(self, terms: Sequence[Term], c: Array, joint: int) -> Array:
         """Return (T,) torque of a model with coefficients (P,) on a joint [N·m]."""
-        out = np.zeros(len(self.data.t))
+        out = np.zeros(len(self.data.q))
         for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
             if joint in self.affected_joints(term):
-                out += self.part(term, joint, mine)
+                out += self.columns(term, joint) @ mine
         return out
 
     def torques(self, terms: Sequence[Term], c: Array) -> dict[Term, Array]:
@@ -358,7 +351,7 @@ class TorquePredictor:
         for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
             out[term] = np.zeros_like(self.data.q)
             for j in self.affected_joints(term):
-                out[term][:, j] = self.part(term, j, mine)
+                out[term][:, j] = self.columns(term, j) @ mine
         return out
 
     def information(self) -> Array:
@@ -406,7 +399,7 @@ def lasting(error: Array, signal: Array, block: Index, rows: int) -> float:
     return total
 
 
-def resting(data: Data) -> NDArray[np.bool_]:
+def resting(data: Data) -> Bools:
     """Return (T, n) where a joint rests below its steady friction, but not most of the time."""
     if not np.isfinite(data.dt):
         return np.zeros(data.q.shape, dtype=bool)

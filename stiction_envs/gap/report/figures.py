@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from stiction_envs.arrays import Array, Index
+from stiction_envs.arrays import Array, Index, rms
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.judge.judgement import NamedCause
@@ -106,7 +106,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, plots: Path) -> str:
     """Draw a cause: residual without it and its torque above, residual with it below."""
     data, view = d.data, cause_named(cause.name).view
     effect = d.cause_torque(cause.name)
-    clear = np.sqrt(np.mean(np.square(effect), axis=0)) / data.noise
+    clear = rms(effect) / data.noise
     of = [j - 1 for j in cause.joints] or list(range(data.n))
     shown = sorted(sorted(of, key=lambda j: -clear[j])[:JOINTS])
     # layouts that matplotlib works out take as long as all the drawing

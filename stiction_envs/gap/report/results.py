@@ -53,8 +53,6 @@ class LogDiagnosis(DiagnosisResult):
 
     data = "logs"
     diagnosis: Diagnosis
-    torque: str
-    """Side of the gear on which it was measured, "motor" or "link"."""
     check: Check | None = None
     """Test of the model on logs that took no part; None without such logs."""
 
@@ -77,8 +75,8 @@ class LogDiagnosis(DiagnosisResult):
     def headline(self) -> str:
         """The verdict in sentences, and which links are too far off."""
         d = self.diagnosis
-        findings = [sentence(x).replace("?.", "?") for x in d.findings]
-        links = "" if d.set_up else far_links(d.links)
+        findings = [sentence(x).replace("?.", "?") for x in d.data.recording.findings]
+        links = "" if d.data.recording.set_up else far_links(d.links)
         return " ".join(x for x in (*findings, super().headline, links) if x)
 
     @property
@@ -122,7 +120,8 @@ class LogDiagnosis(DiagnosisResult):
         """Return links, forward validation, and what was corrected."""
         d, check, forward = self.diagnosis, self.check, self.forward
         notes = dict.fromkeys(d.notes)
-        about = [f"torques of the {self.torque} side of the gears", *_about(d.logs)]
+        side = d.data.recording.torque
+        about = [f"torques of the {side} side of the gears", *_about(d.logs)]
         out: dict[str, object] = {
             "record": d.what_to_record or ("nothing: every cause could be seen",),
             "forward": f"None: {forward}." if isinstance(forward, str) else forward.text(),

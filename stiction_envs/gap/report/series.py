@@ -66,7 +66,7 @@ def log_series(d: Diagnosis) -> Series:
     """Return the series of joint logs: filtered torques, all models along the measured motion."""
     data = d.data
     extended = data.nominal + np.stack([d.torque(j) for j in range(data.n)], axis=1)
-    time = common_time(data.t, data.recording.log, d.logs)
+    time = common_time(data.recording.t, data.recording.log, d.logs)
     at = np.arange(len(time))[:: _step(len(time))]
     return Series(
         quantity="torque",

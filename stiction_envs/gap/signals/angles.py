@@ -12,17 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
+from stiction_envs.arrays import Array, rms
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque, reach_of
 from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
-Array = NDArray[np.float64]
 LEAST_LOAD = 0.001
 """Least load that shows factor, sign and angle, root mean square, over the arm's weight at its
 reach [-]; assumed: 0.5 N·m on a UR10, 0.2 N·m on a Panda, 0.002 N·m on an SO-101."""
@@ -88,7 +87,7 @@ def angle_error(
     step = max(1, len(tau) // MOST_ROWS)
     q, dq, ddq = (x[::step] for x in motion)
     tau, others, model = tau[::step], others_of(dq, ddq), arm.pinocchio()
-    floor = FLOOR * np.sqrt(np.mean(np.square(tau), axis=0)) + 1e-9
+    floor = FLOOR * rms(tau) + 1e-9
 
     def errors(sign: Array, shift: Array) -> tuple[Array, Array]:
         load = inverse_dynamics(model, sign * q - shift, sign * dq, sign * ddq)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.measured.motion_thresholds import START_SAMPLES, START_SPAN
-
-Array = NDArray[np.float64]
 
 
 def bristles(path: Array, runs: list[slice], distance: Array) -> Array:
@@ -41,7 +39,7 @@ def bristles(path: Array, runs: list[slice], distance: Array) -> Array:
 
 
 @compiled
-def _turns(x: Array) -> tuple[Array, NDArray[np.int64]]:
+def _turns(x: Array) -> tuple[Array, Index]:
     """Return (K,) sign of the motion by which each row was reached, and the row of the last turn.
 
     Before the first motion they are the sign of that motion and −1.
@@ -59,7 +57,7 @@ def _turns(x: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 @compiled
-def _follow(side: Array, turn: NDArray[np.int64], left: Array, begun: float, out: Array) -> None:
+def _follow(side: Array, turn: Index, left: Array, begun: float, out: Array) -> None:
     """Write bristles that leave a turn by ``left`` (K, k) into ``out`` (K, k)."""
     zeta = np.full(left.shape[1], side[0] * begun)
     at = -1

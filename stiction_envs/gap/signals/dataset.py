@@ -9,9 +9,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.signals.bristle import grown
 from stiction_envs.gap.signals.friction_state import (
@@ -21,11 +20,10 @@ from stiction_envs.gap.signals.friction_state import (
     presliding_distances,
 )
 from stiction_envs.gap.signals.prepare import Signals
-from stiction_envs.gap.signals.recording import Recording, join
-from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque, reach_of
+from stiction_envs.gap.signals.recording import Recording, join, rate
+from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 NOT_MEASURED = 1e6
 """Noise floor of a torque that is not measured [N·m]: it has no weight."""
 
@@ -69,11 +67,6 @@ class Data:
         return self.recording if self.found is None else self.found
 
     @property
-    def pinocchio(self) -> pin.Model:
-        """The nominal rigid arm as a pinocchio model."""
-        return self.recording.pinocchio
-
-    @property
     def n(self) -> int:
         """Number of joints."""
         return self.recording.n
@@ -82,16 +75,6 @@ class Data:
     def dt(self) -> float:
         """Sampling time within a segment [s]; NaN for poses alone."""
         return self.recording.dt
-
-    @property
-    def cutoff(self) -> float:
-        """Cutoff of the filter that all signals passed [Hz]."""
-        return self.recording.cutoff
-
-    @property
-    def t(self) -> Array:
-        """(T,) time since the start of the log [s]."""
-        return self.recording.t
 
     @property
     def q(self) -> Array:
@@ -114,28 +97,18 @@ class Data:
         return self.recording.tau
 
     @property
-    def reversal_path(self) -> Array:
-        """(F, n) angles without overshoot and noise, for friction's turns [rad]."""
-        return self.recording.reversal_path
-
-    @property
-    def block(self) -> NDArray[np.int64]:
+    def block(self) -> Index:
         """(T,) number of the block that is held out together, −1 in a guard."""
         return self.recording.block
 
     @property
-    def measured(self) -> NDArray[np.bool_]:
+    def measured(self) -> Bools:
         """(n,) whether each joint's torque is a measurement."""
         return self.noise < NOT_MEASURED
 
-    @property
-    def blocks(self) -> int:
-        """Number of blocks."""
-        return int(self.block.max()) + 1
-
-    def runs(self) -> list[slice]:
-        """Return the rows of each segment."""
-        return self.recording.runs
+    def rate(self, x: Array) -> Array:
+        """Return the time derivative of (T, ...) within each segment, per second."""
+        return rate(x, self.recording.runs, self.dt)
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals: see `Recording.smooth`."""
@@ -168,12 +141,9 @@ class Data:
     def own_inertia(self) -> Array:
         """(n,) inertia of the rigid arm about each joint, mean of the motion [kg·m²]."""
         some = self.q[:: max(1, len(self.q) // 100)]
-        return np.asarray(np.diagonal(mass_matrices(self.pinocchio, some), 0, 1, 2).mean(axis=0))
-
-    @cached_property
-    def lift(self) -> float:
-        """Mass that the strongest joint can hold at the arm's reach [kg]."""
-        return float(self.strength.max() / (9.81 * max(reach_of(self.pinocchio), 0.1)))
+        return np.asarray(
+            np.diagonal(mass_matrices(self.recording.pinocchio, some), 0, 1, 2).mean(axis=0)
+        )
 
     def carrying(
         self, torque: Array, gravity: tuple[float, ...] = (), arm: Arm | None = None
@@ -232,19 +202,16 @@ class Data:
         """
         return self.recording.bristles(self.friction.presliding_distance[:, None])[..., 0]
 
-    def direction(self, joint: int) -> Array:
-        """Return (F,) direction of a joint (from 0) as in `directions`."""
-        return self.directions[:, joint]
-
     def dry_friction_ratio(self, joint: int) -> Array:
         """Return (F,) dry friction over its steady level, unfiltered: ζ + (σ1/σ0) dζ/dt [-]."""
-        return self._leading(self.direction(joint), joint)
+        return self._leading(self.directions[:, joint], joint)
 
     def side(self, joint: int) -> Array:
         """Return (F,) sign of the motion by which each row was reached; at rest the last one."""
-        out = np.zeros(len(self.reversal_path))
-        for run in self.recording.path_runs:
-            path = self.reversal_path[run, joint]
+        recording = self.recording
+        out = np.zeros(len(recording.reversal_path))
+        for run in recording.path_runs:
+            path = recording.reversal_path[run, joint]
             step = np.sign(np.diff(path, prepend=path[0]))
             last = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
             out[run] = step[last]
@@ -258,9 +225,9 @@ class Data:
         level (`grown`).
         """
         recording, distance = self.recording, float(self.friction.presliding_distance[joint])
-        if len(weight) != len(self.reversal_path):
+        if len(weight) != len(recording.reversal_path):
             weight = recording.along_path(weight)
-        path, zeta = self.reversal_path[:, joint], self.direction(joint)
+        path, zeta = recording.reversal_path[:, joint], self.directions[:, joint]
         eta = grown(path, recording.path_runs, distance, zeta, weight, ratio)
         return self._leading(eta, joint)
 
@@ -268,16 +235,6 @@ class Data:
         """Return (F,) a bristle's torque including its damping."""
         lead = self.friction.bristle_lead_time[joint]
         return x if lead == 0 else x + lead * self.recording.path_rate(x)
-
-
-def nominal_torque(
-    recording: Recording, friction: FrictionParameters | None, state: FrictionState
-) -> Array:
-    """Return (T, n) torque of the rigid arm, what its file hangs on it, and friction [N·m]."""
-    out = recording.rigid + passive_torque(recording.arm, recording.q)
-    if friction is None:
-        return np.asarray(out + state.rotor * recording.ddq)
-    return np.asarray(out + friction_torque(recording, friction, state))
 
 
 def assemble(
@@ -307,7 +264,11 @@ def assemble(
             distance = np.where(known, state.presliding_distance, seen)
             lead = np.where(known, state.bristle_lead_time, 0.0)
             state = replace(state, presliding_distance=distance, bristle_lead_time=lead)
-    nominal = nominal_torque(recording, friction, state)
+    nominal = recording.rigid + passive_torque(arm, recording.q)
+    if friction is None:
+        nominal += state.rotor * recording.ddq
+    else:
+        nominal += friction_torque(recording, friction, state)
     noise = noise_floor(recording, recording.tau - nominal)
     if signals.measured is not None:
         noise = np.where(signals.measured, noise, NOT_MEASURED)

@@ -11,12 +11,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.signal import butter, sosfilt_zi
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 
-Array = NDArray[np.float64]
 ORDER = 4
 """Order of the Butterworth low-pass [-]; assumed. It runs twice, so that half the amplitude is left
 at the cutoff."""

@@ -13,16 +13,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import welch
 from scipy.spatial import cKDTree
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 
-Array = NDArray[np.float64]
 PRESLIDING_DISTANCE = 2e-4
 """Presliding distance of dry friction [rad]; assumed: 0.5 N·m on 2500 N·m/rad."""
 PRESLIDING_DISTANCES = (2e-6, 2e-5, 6e-5, 2e-4, 6e-4)

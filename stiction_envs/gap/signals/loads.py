@@ -22,18 +22,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stiction_envs.arrays import Array, Bools, Index, rms
 from stiction_envs.gap.signals.angles import AngleError, angle_error, least_load, others_of
 from stiction_envs.gap.signals.prepare import Signals
-from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
+from stiction_envs.gap.signals.rigid_body import gravity_by_axis, inverse_dynamics, passive_torque
 from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED, TRAVEL_SPAN
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 MOST_ROWS = 2000
 """Rows of a log that are used, evenly spaced [-]; assumed, to limit the time."""
 APART = 0.25
@@ -84,15 +82,15 @@ class Loads:
     """(n,) what gravity and inertia need, root mean square [N·m]."""
     logged: Array
     """(n,) logged torque, the same [N·m]."""
-    sign: NDArray[np.int64]
+    sign: Index
     """(n,) 1 where the torque drives the joint, -1 where it is opposite, 0 where nothing shows."""
-    by_load: Flags
+    by_load: Bools
     """(n,) whether a load that changes shows the sign."""
     lacks_gravity: bool
     """Whether gravity does not show, where friction or inertia does."""
-    measured: Flags
+    measured: Bools
     """(n,) False where the torque is noise, although motion and load need some."""
-    held: Flags
+    held: Bools
     """(n,) whether a joint rests, and its friction can hold what is due."""
     gravity: Array
     """(3,) direction of gravity in the world that the torques fit best."""
@@ -169,7 +167,7 @@ class _Fit:
     """Least squares with a prior for the last column, of an error that is correlated in time."""
 
     def __init__(self, x: Array, y: Array, offset: float, apart: float) -> None:
-        size = np.maximum(_rms(x), 1e-9)
+        size = np.maximum(rms(x), 1e-9)
         prior = np.r_[np.full(x.shape[1] - 1, FREE * offset), offset]
         z, self.rows = x / size, max(len(y) * min(1.0, apart / APART), 2.0)
         self.left = max(float(y.std()), LEAST_NOISE * offset)
@@ -178,7 +176,7 @@ class _Fit:
             least = 1 / prior**2 + ROUNDING * weight * len(y)
             cov = np.linalg.inv(weight * z.T @ z + np.diag(least))
             c = cov @ (weight * z.T @ y)
-            self.left = max(float(_rms(y - z @ c)), LEAST_NOISE * offset)
+            self.left = max(float(rms(y - z @ c)), LEAST_NOISE * offset)
         self.c, self.cov = c / size, cov / np.outer(size, size)
 
     def clear(self, weights: Array) -> float:
@@ -191,7 +189,7 @@ class _Fit:
         inertia = np.array([0, 0, 0, heavy, 1, 0, 0, 0])
         rubbing = np.array([0, 0, 0, 0, 0, np.abs(side).mean(), np.abs(dq).mean(), 0])
         torques = rest * self.c[3] + ddq * self.c[4], side * self.c[5] + dq * self.c[6]
-        a, b = (float(_rms(x)) for x in torques)
+        a, b = (float(rms(x)) for x in torques)
         return (a * self.clear(inertia) + b * self.clear(rubbing)) / max(a + b, 1e-12)
 
 
@@ -220,10 +218,10 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
     """Return the findings about rows (`_rows`), if their angles are the model's."""
     q, dq, ddq, tau, apart = rows
     model, n = arm.pinocchio(), arm.n
-    pulls, down = _pulls(arm, q), np.asarray(model.gravity.linear)
+    pulls, down = gravity_by_axis(model, q), np.asarray(model.gravity.linear)
     down = down / np.linalg.norm(down)
     rest = inverse_dynamics(model, q, dq, ddq) + passive_torque(arm, q) - pulls @ down
-    offset = OFFSET * np.maximum(arm.limits.torque, _rms(rest + pulls @ down))
+    offset = OFFSET * np.maximum(arm.limits.torque, rms(rest + pulls @ down))
     sides = np.tanh(dq / REVERSAL_SPEED)
     others = others_of(dq, ddq)
 
@@ -284,8 +282,8 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         arm=arm,
         factor=factor,
         width=width,
-        needed=_rms(load),
-        logged=_rms(tau),
+        needed=rms(load),
+        logged=rms(tau),
         sign=sign,
         by_load=by_load,
         lacks_gravity=lacks_gravity,
@@ -302,15 +300,15 @@ def _factors(fits: Sequence[_Fit]) -> tuple[Array, Array]:
     return c, 1.96 * np.sqrt(variance)
 
 
-def _sure(clear: Array, fits: Sequence[_Fit]) -> Flags:
+def _sure(clear: Array, fits: Sequence[_Fit]) -> Bools:
     """Return whether values over their deviations (n,) are certain, and most of what is left."""
     rows = np.array([f.rows for f in fits])
     return (np.abs(clear) > CLEAR) & (clear**2 > CORRELATED**2 * (clear**2 + rows))
 
 
 def _signs(
-    loaded: Array, changing: Flags, resisting: Array, held: Flags, fits: Sequence[_Fit]
-) -> tuple[NDArray[np.int64], Flags]:
+    loaded: Array, changing: Bools, resisting: Array, held: Bools, fits: Sequence[_Fit]
+) -> tuple[Index, Bools]:
     """Return (n,) signs, and where a load that changes shows them.
 
     ``loaded`` and ``resisting`` are the factor of the load and the resistance of friction and
@@ -343,7 +341,7 @@ def _signs(
     return sign, changing
 
 
-def _direction(fits: Sequence[_Fit], sign: NDArray[np.int64], down: Array) -> Array:
+def _direction(fits: Sequence[_Fit], sign: Index, down: Array) -> Array:
     """Return (3,) the direction of gravity that fits the free torques of all joints best."""
     if not fits:
         return down
@@ -378,17 +376,3 @@ def _rows(signals: Signals, log: int) -> tuple[Array, Array, Array, Array, float
     still = signals.static[rows].all() or not np.isfinite(signals.dt)
     motion = signals.q[rows], signals.dq[rows], signals.ddq[rows]
     return *motion, signals.tau[rows], APART if still else signals.dt * step
-
-
-def _pulls(arm: Arm, q: Array) -> Array:
-    """Return (T, n, 3) gravity torque of the arm's gravity along x, y and z."""
-    model = arm.pinocchio().copy()
-    out, size = np.empty((*q.shape, 3)), np.linalg.norm(model.gravity.linear)
-    for k in range(3):
-        model.gravity.linear = size * np.eye(3)[k]
-        out[..., k] = gravity_torque(model, q)
-    return out
-
-
-def _rms(x: Array) -> Array:
-    return np.sqrt(np.mean(np.square(x), axis=0))

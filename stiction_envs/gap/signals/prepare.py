@@ -24,9 +24,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.angles import AngleError
 from stiction_envs.gap.signals.filters import WIDER, lowpass, reversal_path
@@ -36,7 +36,6 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 from stiction_envs.reporting.markdown import plural
 
-Array = NDArray[np.float64]
 Fields = dict[str, Any]
 # central differences of sixth order for the first and the second derivative, in samples
 _FIRST = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
@@ -78,19 +77,19 @@ class Signals:
     """(T, n) accelerations [rad/s²]."""
     tau: Array
     """(T, n) measured torques [N·m]."""
-    log: NDArray[np.int64]
+    log: Index
     """(T,) number of the log, from 0."""
-    segment: NDArray[np.int64]
+    segment: Index
     """(T,) number of the segment."""
-    static: NDArray[np.bool_]
+    static: Bools
     """(T,) whether the segment is at rest throughout: a pose, or never faster than `REST_SPEED`."""
     reversal_path: Array
     """(F, n) angles without overshoot or reversals caused by noise [rad], for friction's reversals
     (`filters`): at finer times, since a turn within a time step shows in the filtered torque, and
     from before a segment's start to after its end."""
-    path_rows: NDArray[np.int64]
+    path_rows: Index
     """(T,) row of the reversal path at each time."""
-    path_segment: NDArray[np.int64]
+    path_segment: Index
     """(F,) number of the segment."""
     dt: float
     """Time between samples of a segment [s]; NaN for poses alone."""
@@ -108,7 +107,7 @@ class Signals:
     """1 where the torques drive the joints, -1 where all were inverted; 0 where unknown."""
     torque_unit: Array = field(default_factory=lambda: np.ones(1))
     """(n,) what 1 N·m is in the unit of the logged torques; (1,) where it is the same for all."""
-    measured: NDArray[np.bool_] | None = None
+    measured: Bools | None = None
     """(n,) whether each torque is a measurement; None for all."""
     findings: tuple[str, ...] = ()
     """Defects of units, channels and mounting, one sentence each."""
@@ -138,7 +137,7 @@ class Signals:
         return _runs_of(self.path_segment)
 
 
-def _runs_of(segment: NDArray[np.int64]) -> list[slice]:
+def _runs_of(segment: Index) -> list[slice]:
     """Return the rows of each segment from its number (T,)."""
     edges = np.flatnonzero(np.diff(segment)) + 1
     cuts = [0, *edges.tolist(), len(segment)]

@@ -12,13 +12,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 BLOCKS = 12
 """Blocks of time, over all logs, that are held out in turn: enough to see their spread; assumed."""
 LEAST_BLOCKS = 4
@@ -46,7 +46,7 @@ class Recording(Signals):
     """(T,) time since the log's first row [s]; the number of a pose."""
     since_session: Array
     """(T,) time since the first row of the log's session [s]; `since_log` without sessions."""
-    block: NDArray[np.int64]
+    block: Index
     """(T,) number of the block that is held out together, −1 in a guard."""
     link_factor: Array | None = None
     """(10 n, k) F, F Fᵀ being the covariance of the links' inertial parameters about the arm's, as
@@ -56,11 +56,6 @@ class Recording(Signals):
     def n(self) -> int:
         """Number of joints."""
         return self.q.shape[1]
-
-    @property
-    def common_clock(self) -> bool:
-        """True if there are several logs whose clocks show when each was recorded."""
-        return self.sessions.common_clock
 
     @cached_property
     def rigid(self) -> Array:
@@ -162,7 +157,7 @@ def rate(x: Array, runs: list[slice], dt: float) -> Array:
     return out
 
 
-def _blocks(log: NDArray[np.int64], segment: NDArray[np.int64], dt: float) -> NDArray[np.int64]:
+def _blocks(log: Index, segment: Index, dt: float) -> Index:
     """Return (T,) block numbers: one per log for many logs, else equal spans of each log's time.
 
     Blocks are never random rows: neighbours share noise, filter and friction state.

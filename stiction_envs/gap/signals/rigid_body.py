@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.robots import Arm
-
-Array = NDArray[np.float64]
 
 
 def reach_of(model: pin.Model) -> float:
     """Return the length of the chain of joints, which no pose exceeds [m]."""
     return sum(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
+
+
+def under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:
+    """Return a model under gravity x, y, z [m/s²]; () for the model's gravity."""
+    if not gravity:
+        return model
+    out = model.copy()
+    out.gravity.linear = np.array(gravity)
+    return out
 
 
 def inverse_dynamics(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
@@ -29,6 +36,13 @@ def gravity_torque(model: pin.Model, q: Array) -> Array:
     """Return (T, n) gravity torque g(q) [N·m]."""
     data = model.createData()
     return np.array([pin.computeGeneralizedGravity(model, data, x) for x in q])
+
+
+def gravity_by_axis(model: pin.Model, q: Array, axes: int = 3) -> Array:
+    """Return (T, n, axes) gravity torque of the model's gravity along x, y and z [N·m]."""
+    size = float(np.linalg.norm(model.gravity.linear))
+    each = [gravity_torque(under(model, tuple(x)), q) for x in size * np.eye(3)[:axes]]
+    return np.stack(each, axis=-1)
 
 
 def passive_torque(arm: Arm, q: Array) -> Array:

@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.measured.logs.reader import JointLog
 
-Array = NDArray[np.float64]
 COLD_AFTER = 3600.0
 """Pause after which gears are cold again [s]; assumed: three time constants of 20 min."""
 

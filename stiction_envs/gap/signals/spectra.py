@@ -13,15 +13,14 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfreqz, welch
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.signals.filters import ORDER
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion_thresholds import MOVER_RATIO
 
-Array = NDArray[np.float64]
 PERIODS = 6.0
 """Least length of a segment in periods of the cutoff [-]; assumed."""
 MOST_ROWS = 300000
@@ -145,7 +144,7 @@ class Spectra:
             inside[j] = np.sqrt(float(np.median(self.tau[above, j])) * width)
         return np.maximum(inside, rounding * np.sqrt(width / nyquist))
 
-    def rounded(self) -> NDArray[np.bool_]:
+    def rounded(self) -> Bools:
         """Return (n,) whether each torque contains only rounding at high frequencies."""
         if self.empty:
             return np.zeros(self.n, dtype=bool)
@@ -235,7 +234,7 @@ def _spread_power(v: Array, rate: float) -> tuple[Array, Array]:
 
 def _motion(
     pieces: Sequence[tuple[Array, Array]], most: Sequence[float]
-) -> tuple[NDArray[np.int64], float, Array]:
+) -> tuple[Index, float, Array]:
     """Return joints that move, the end of their band [Hz], and RMS accelerations [rad/s²].
 
     Each joint counts up to the frequency in ``most`` [Hz], where its noise begins.

@@ -21,11 +21,12 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
+from stiction_envs.arrays import Array, Index, rms
 from stiction_envs.gap.signals.angles import least_load
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
@@ -35,7 +36,6 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 Lag = tuple[float, float]
 """δ and T [s]."""
 LEAST_LAG = 0.1
@@ -87,7 +87,7 @@ def torque_lag(signals: Signals, arm: Arm) -> tuple[Lag, str, bool] | None:
     if not loaded:
         if len(parts) < LEAST_RUNS:
             return None
-        speed = np.sqrt(np.mean(np.square(np.concatenate([signals.dq[x] for x in parts])), axis=0))
+        speed = rms(np.concatenate([signals.dq[x] for x in parts]))
         joints = np.array([np.argmax(speed)])
     runs = [_runs(signals, parts, rigid, int(j), loaded) for j in joints]
     found = _search(runs)
@@ -213,7 +213,7 @@ def _undone(log: JointLog, lag: Lag, text: str) -> JointLog:
     )
 
 
-def _loads(signals: Signals, arm: Arm) -> tuple[list[slice], Array, NDArray[np.int64]]:
+def _loads(signals: Signals, arm: Arm) -> tuple[list[slice], Array, Index]:
     """Return segments with motion, the (T, n) rigid-body torque in these, and loaded joints.
 
     These joints (from 0) carry enough load to show a lag.

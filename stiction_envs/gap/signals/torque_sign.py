@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.loads import loads
 from stiction_envs.gap.signals.prepare import Signals
@@ -17,7 +17,6 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 OF_CHANNELS = ("torque_sign", "torque_unit", "measured", "findings", "set_up", "zero_off")
 """Fields of `Signals` that `correct_sign` fills in."""
 LARGE_UNIT = 10.0

@@ -24,7 +24,7 @@ from functools import partial
 
 import numpy as np
 
-from stiction_envs.arrays import Array, Index
+from stiction_envs.arrays import Array, Index, rms
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
@@ -98,7 +98,7 @@ class Check:
             "verdict": self.verdict,
             "worse_joints": list(self.worse_joints),
             "not_transferring": list(self.not_transferring),
-            "cutoff_hz": self.data.cutoff,
+            "cutoff_hz": self.data.recording.cutoff,
         }
 
     def __str__(self) -> str:
@@ -168,7 +168,7 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
         StictionError: no segment is long enough for the cutoff of the diagnosis.
     """
     arm, found = d.data.arm, model_of(d)
-    cutoff = d.data.cutoff if np.isfinite(d.data.cutoff) else None
+    cutoff = d.data.recording.cutoff if np.isfinite(d.data.recording.cutoff) else None
     make = partial(prepare, cutoff_hz=cutoff)
     sign, lag, unit = found.torque_sign, found.torque_lag, found.torque_unit
     logs, signals = correct_torques(logs, arm, make, sign, lag, unit)
@@ -183,10 +183,10 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     )
     nominal = d.baseline.extend(base)
     extended = found.extend(base).nominal
-    before, after = _rms(nominal.logged_residual), _rms(base.tau - extended)
+    before, after = rms(nominal.logged_residual), rms(base.tau - extended)
     added = np.sqrt(np.maximum(after**2 - before**2, 0.0))
     worse = (after > (1 + WORSE) * before) & (added > base.noise)
-    worse |= after > np.maximum(LARGE * _rms(base.tau), base.noise / LARGE)
+    worse |= after > np.maximum(LARGE * rms(base.tau), base.noise / LARGE)
     return Check(
         logs=tuple(logs),
         data=nominal,
@@ -198,20 +198,15 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     )
 
 
-def _rms(error: Array) -> Array:
-    """Return (n,) root mean square of (T, n)."""
-    return np.asarray(np.sqrt(np.mean(np.square(error), axis=0)))
-
-
 def _transfers(base: Data, found: Nominal, d: Diagnosis, extended: Array) -> tuple[Transfer, ...]:
     """Judge each named cause by the model without its parts, as the module describes."""
     before, out = d.baseline.parts, []
-    with_it, noise = _rms(base.tau - extended), base.noise
+    with_it, noise = rms(base.tau - extended), base.noise
     for name in [c.name for c in (*d.causes, *d.minor)]:
         rest = [p for p in found.parts[len(before) :] if p.cause != name]
         less = replace(found, parts=(*before, *rest)).extend(base).nominal
-        without = _rms(base.tau - less)
-        seen = _rms(extended - less) > SEEN * noise
+        without = rms(base.tau - less)
+        seen = rms(extended - less) > SEEN * noise
         harmed = np.flatnonzero(seen & (with_it**2 > (1 + HARM) * without**2))
         helps = np.log((without**2 + noise**2) / (with_it**2 + noise**2)).sum() > 0
         as_a_whole = helps and cause_named(name).acts_on in (THE_ARM, ALL_OF_ONE)

@@ -21,7 +21,7 @@ import numpy as np
 from mujoco.batch import Batch
 from scipy.interpolate import CubicSpline
 
-from stiction_envs.arrays import Array, Index
+from stiction_envs.arrays import Array, Index, rms
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_model import TIMESTEP, extend
@@ -105,7 +105,7 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
     ``threads`` 0 is all processors.
     """
     base, nominal = diagnosis.base, diagnosis.baseline
-    held = np.arange(1, base.blocks, FOLDS)
+    held = np.arange(1, base.block.max() + 1, FOLDS)
     if not np.isfinite(base.dt) or len(held) == 0:
         return "the logs hold no motion"
     windows = _windows(base, held)
@@ -131,8 +131,8 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
         return f"the simulation is unstable: {unstable}"
     return ForwardValidation(
         windows=int(np.count_nonzero(good)),
-        replay={name: _rms(strayed[good]) for name, (strayed, _) in rolls.items()},
-        tracking={name: _rms(added[good]) for name, (_, added) in rolls.items()},
+        replay={name: rms(strayed[good], (0, 1)) for name, (strayed, _) in rolls.items()},
+        tracking={name: rms(added[good], (0, 1)) for name, (_, added) in rolls.items()},
         unstable=unstable,
     )
 
@@ -141,7 +141,7 @@ def _windows(data: Data, held: Index) -> list[slice]:
     """Return rows of windows within one segment and one held-out block, evenly picked."""
     count = int(np.ceil(SECONDS / data.dt)) + 1
     out = []
-    for run in data.runs():
+    for run in data.recording.runs:
         block = data.block[run]
         edges = np.flatnonzero(np.diff(block)) + 1
         for a, b in zip([0, *edges], [*edges, len(block)], strict=True):
@@ -187,7 +187,7 @@ def _simulate(
     act = np.array([model.actuator(f"{j}_torque").id for j in names])
     starts = np.array([w.start for w in windows])
     distance = model.actuator_biasprm[act, COULOMB] / model.actuator_dynprm[act, BRISTLE_STIFFNESS]
-    dragged = bristles(data.q, data.runs(), distance[:, None])[starts, :, 0]
+    dragged = bristles(data.q, data.recording.runs, distance[:, None])[starts, :, 0]
     measured = _resampled(data, windows, data.q)
     speed = _resampled(data, windows, data.q, 1)
     # a torque is held for one step: that of the step's start
@@ -225,11 +225,6 @@ def _simulate(
     bad = ~(np.isfinite(replayed).all(axis=(1, 2)) & np.isfinite(tracked).all(axis=(1, 2)))
     strayed[bad] = added[bad] = np.nan
     return strayed, added[:, round(TRANSIENT / TIMESTEP) :]
-
-
-def _rms(x: Array) -> Array:
-    """Return (n,) root mean square of (W, K, n)."""
-    return np.asarray(np.sqrt(np.mean(np.square(x), axis=(0, 1))))
 
 
 def _link(qpos: Array, model: mujoco.MjModel, names: tuple[str, ...]) -> Array:

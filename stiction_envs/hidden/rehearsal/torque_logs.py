@@ -23,7 +23,6 @@ from stiction_envs.gap.causes.base import ALL_OF_ONE, DRY, THE_ARM, filtered_col
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_signals
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.prepare import Signals
-from stiction_envs.gap.signals.recording import rate
 from stiction_envs.hidden.friction_law import LuGre
 from stiction_envs.hidden.rehearsal.jobs import (
     LEAST_FRICTION,
@@ -151,7 +150,7 @@ class TorqueLogs:
             x, v = link_behind_gear(data, joint, stiffness)
             q[:, joint] += x
             dq[:, joint] += v
-            ddq[:, joint] += rate(v, data.runs(), data.dt)
+            ddq[:, joint] += data.rate(v)
         return inverse_torque(replace(world, soft=None).model(), q, dq, ddq) - data.recording.rigid
 
     def hidden(self, job: CauseJob, size: Array) -> tuple[Array, dict[str, float]]:
@@ -223,7 +222,7 @@ def link_behind_gear(data: Data, joint: int, stiffness: float) -> tuple[Array, A
     damping = 2 * DAMPING * np.sqrt(stiffness * mass)
     system = ([[0, 1], [-stiffness / mass, -damping / mass]], [[0], [-1 / mass]])
     out = np.zeros((len(load), 2))
-    for run in data.runs():
+    for run in data.recording.runs:
         push = load[run]
         t = data.dt * np.arange(len(push))
         start = [-push[0] / stiffness, 0.0]

@@ -10,7 +10,7 @@ import pytest
 
 from stiction_envs.gap.causes import CAUSES, Part, cause_named, parameter_units
 from stiction_envs.gap.causes.base import filtered_columns, limits
-from stiction_envs.gap.causes.body.bodies import changed_link, with_link
+from stiction_envs.gap.causes.body.bodies import changed_link
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
@@ -36,7 +36,7 @@ def test_columns_bounds_values_and_view_fit_together(cause, data: Data) -> None:
     assert np.all(size > 0)
     assert np.isfinite(size).all()
     assert len(size) == len(low)
-    assert len(columns) == len(data.t)
+    assert len(columns) == len(data.q)
     if columns.ndim == 3:
         assert columns.shape[1] == data.n
         columns = columns[:, 3]
@@ -52,7 +52,7 @@ def test_columns_bounds_values_and_view_fit_together(cause, data: Data) -> None:
     assert cause.view.note
     if cause.view.of is not None:
         x = cause.view.of(data, 3, shape)
-        assert x.shape == data.t.shape
+        assert x.shape == data.q[:, 0].shape
         assert np.isfinite(x).all()
         assert np.ptp(x) > 0
     assert cause.view.limit is None or cause.view.limit(shape) > 0
@@ -86,7 +86,7 @@ def test_a_grown_bristle_is_the_difference_of_two() -> None:
 
 def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> None:
     """Mass and centre are those asked for; to first order the torque is that of the columns."""
-    phi, cause = inertial_parameters(data.pinocchio)[3], cause_named("link_parameters")
+    phi, cause = inertial_parameters(data.recording.pinocchio)[3], cause_named("link_parameters")
     change = np.array([-0.6 * phi[0], 0.1, -0.2, 0.15])
     new = changed_link(phi, change)
     assert consistent(new)
@@ -95,7 +95,8 @@ def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> N
     assert np.allclose(shift, change[1:] / new[0])
     assert np.allclose(cause.values(change, (4.0, float(phi[0])))["com_m"], shift)
     small = 1e-4 * change
-    arm = with_link(load_arm("panda"), 4, small)
+    part = Part(cause=cause.name, joint=4, shape=(), coefficients=tuple(small.tolist()))
+    arm = cause.changed(load_arm("panda"), part)
     exact = inverse_dynamics(arm.pinocchio(), data.q, data.dq, data.ddq) - data.rigid
     assert np.allclose(cause.columns(data, 3, ()) @ small, exact, atol=1e-6)
     assert np.abs(exact).max() > 1e-4
@@ -127,7 +128,7 @@ def off_by(arm: Arm, offset: float, joint: int) -> Arm:
 def test_an_arm_whose_zero_is_off_is_the_arm_at_another_angle(joint: int, data: Data) -> None:
     offset, columns = 0.2, cause_named("encoder_offset").columns
     there = data.q - offset * np.eye(7)[joint - 1]
-    expected = inverse_dynamics(data.pinocchio, there, data.dq, data.ddq)
+    expected = inverse_dynamics(data.recording.pinocchio, there, data.dq, data.ddq)
     model = off_by(data.arm, offset, joint).pinocchio()
     torque = inverse_dynamics(model, data.q, data.dq, data.ddq)
     np.testing.assert_allclose(torque, expected, atol=1e-9)
@@ -184,8 +185,8 @@ def test_presliding_distances_without_load_grow_with_it() -> None:
     data = data_of(panda(), hidden(panda())).with_presliding(np.full(7, distance))
     loaded = level + growth * data.recording.along_path(np.abs(data.rigid[:, joint]))
     bristle = np.zeros(len(loaded))
-    bristle[0] = loaded[0] * data.direction(joint)[0]
-    for k, step in enumerate(np.diff(data.reversal_path[:, joint])):
+    bristle[0] = loaded[0] * data.directions[0, joint]
+    for k, step in enumerate(np.diff(data.recording.reversal_path[:, joint])):
         end, distance_now = np.sign(step) * loaded[k + 1], loaded[k + 1] * distance / level
         bristle[k + 1] = end + (bristle[k] - end) * np.exp(-abs(step) / distance_now)
     bent = cause.resized((0.0, 0.0), np.array([growth]), level)

@@ -37,7 +37,7 @@ def test_a_joint_log_s_series_are_measured_torques_models_and_causes(
         left = np.sqrt(np.mean((found["tau"] - found["tau_simulated"]) ** 2))
         assert left == pytest.approx(d.extended_rms[j - 1], rel=0.2)
     (log,) = read_logs([tmp_path / "series.csv"], 2)
-    np.testing.assert_allclose(log.t, d.data.t, atol=1e-7)
+    np.testing.assert_allclose(log.t, d.data.recording.t, atol=1e-7)
     np.testing.assert_allclose(log.q, d.data.q, atol=1e-7)
     np.testing.assert_allclose(log.tau, d.data.tau, atol=1e-7)
 

@@ -23,5 +23,5 @@ def test_the_floor_is_the_noise_that_the_filter_leaves(cutoff: float) -> None:
 def test_guards_leave_most_of_a_short_log(seconds: float, blocks: int) -> None:
     """Each guard takes a quarter of a second; folds need four blocks."""
     data = assemble(panda(), prepare([hidden(panda(), seconds=seconds)], cutoff_hz=10.0))
-    assert data.blocks == blocks
+    assert data.block.max() + 1 == blocks
     assert np.mean(data.block >= 0) > 0.6

@@ -49,7 +49,7 @@ def test_a_surrogate_has_the_spectra_and_the_correlations_and_nothing_else():
 def test_noise_and_friction_are_those_of_the_log(logs):
     """White noise of 0.01 N·m, of which the filter leaves its share of the band."""
     nyquist = 0.5 / logs.data.dt
-    part = np.sqrt(logs.data.cutoff / nyquist)
+    part = np.sqrt(logs.data.recording.cutoff / nyquist)
     np.testing.assert_allclose(logs.left.std(axis=0), 0.01 * part, rtol=0.1)
     np.testing.assert_allclose(logs.friction, 0.5, atol=0.03)
     np.testing.assert_array_equal(logs.unknown_friction, logs.friction)
@@ -61,7 +61,7 @@ def test_gaps_and_several_logs_stay(two):
     late = np.where(np.arange(len(first.t)) < 1600, 0.0, 5.0)
     broken = replace(first, t=first.t + late, breaks=(1600,))
     logs = TorqueLogs(found(two, broken, second))
-    assert len(logs.data.runs()) == 3
+    assert len(logs.data.recording.runs) == 3
     (run,) = measure(jobs_of(logs, [])[0], logs, seed=1)
     assert run["named"] == []
     size = logs.size(job_of("torque_offset", 0, 1), np.array([0.1, 0.2]))

@@ -11,7 +11,7 @@ from stiction_envs.gap.causes.body.bodies import leaning
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
-from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.gap.signals.rigid_body import gravity_by_axis
 from stiction_envs.robots import Arm
 
 LEAST = 0.02
@@ -96,13 +96,5 @@ class BaseTilt(Cause):
 
 def _sideways(recording: Recording) -> Array:
     """Return (T, n, 3) gravity torque of g along x and along y, and minus that of the nominal."""
-    model = recording.pinocchio.copy()
-    g = float(np.linalg.norm(model.gravity.linear))
-    out = np.empty((len(recording.t), recording.n, 3))
-    for k in range(2):
-        direction = np.zeros(3)
-        direction[k] = g
-        model.gravity.linear = direction
-        out[..., k] = gravity_torque(model, recording.q)
-    out[..., 2] = -recording.gravity
-    return out
+    side = gravity_by_axis(recording.pinocchio, recording.q, axes=2)
+    return np.concatenate([side, -recording.gravity[..., None]], axis=2)

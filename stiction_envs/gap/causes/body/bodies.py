@@ -21,7 +21,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.gap.signals.rigid_body import under
 from stiction_envs.robots import Arm, mjcf
 from stiction_envs.robots.arm_toml import payload_radius
 from stiction_envs.robots.consistent import tolerances
@@ -33,7 +35,6 @@ from stiction_envs.robots.regressor import (
     torque_regressor,
 )
 
-Array = NDArray[np.float64]
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 _SPREADS = np.zeros((6, 3, 3))
 for _k, (_a, _b) in enumerate(_PAIRS):
@@ -55,10 +56,7 @@ def body_columns(recording: Recording, *gravity: float) -> NDArray[np.float32]:
         recording: motion of the arm.
         gravity: x, y, z of the acceleration [m/s²]; none for the arm's.
     """
-    model = recording.pinocchio.copy()
-    if gravity:
-        model.gravity.linear = np.array(gravity)
-    n = recording.n
+    model, n = under(recording.pinocchio, gravity), recording.n
     each = [link_directions(phi) for phi in inertial_parameters(model)]
     basis = recording.derived(link_basis)
     # the columns of a joint are neighbours in memory, as `JointColumns` keeps them: none is copied
@@ -200,19 +198,6 @@ def with_payload(arm: Arm, phi: Array, least: float) -> Arm:
     links = inertial_parameters(model)
     links[-1] = possible(links[-1] + from_flange(model, arm) @ phi, links[-1], least)
     return with_inertias(arm, links)
-
-
-def with_link(arm: Arm, joint: int, coefficients: Array) -> Arm:
-    """Return an arm with another mass and centre of one link (`changed_link`).
-
-    Args:
-        arm: the arm.
-        joint: joint that moves the link, from 1.
-        coefficients: (4,) as of `changed_link`.
-    """
-    phi = inertial_parameters(arm.pinocchio())
-    phi[joint - 1] = changed_link(phi[joint - 1], coefficients)
-    return with_inertias(arm, phi)
 
 
 def possible(phi: Array, was: Array, least: float) -> Array:

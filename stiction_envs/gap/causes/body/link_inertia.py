@@ -56,8 +56,8 @@ class LinkInertia(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add the inertia to the rotor, which stays positive."""
-        j, (more,) = part.joint - 1, part.coefficients
-        draft.rotor[j] += more
-        if draft.rotor[j] < 0:
+        j, (more,), rotor = part.joint - 1, part.coefficients, draft.values["rotor_inertia"]
+        rotor[j] += more
+        if rotor[j] < 0:
             draft.leave_out(part, f"{more:+.4g} kg·m²: a rotor's is not negative")
-            draft.rotor[j] -= more
+            rotor[j] -= more

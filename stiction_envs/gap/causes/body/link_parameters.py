@@ -19,14 +19,15 @@ from stiction_envs.gap.causes.base import (
 )
 from stiction_envs.gap.causes.body.bodies import (
     body_columns,
+    changed_link,
     link_directions,
     link_masses,
-    with_link,
 )
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import Arm
+from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
 MASS_SD = 0.3
@@ -87,9 +88,8 @@ class LinkParameters(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per kilogram, and per kg·m that the link is moved by, on all joints."""
-        return data.recording.derived(body_columns, *data.gravity_found)[
-            :, :, 4 * joint : 4 * joint + 4
-        ]
+        columns = data.recording.derived(body_columns, *data.gravity_found)
+        return columns[..., 4 * joint : 4 * joint + 4]
 
     def possible(
         self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
@@ -111,7 +111,7 @@ class LinkParameters(Cause):
     def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
         """Return the change of this link's parameters."""
         out = np.zeros((10 * data.n, size))
-        own = inertial_parameters(data.pinocchio)[joint]
+        own = inertial_parameters(data.recording.pinocchio)[joint]
         out[10 * joint : 10 * joint + 10] = link_directions(own)
         return out
 
@@ -123,10 +123,12 @@ class LinkParameters(Cause):
                 f"cause {self.name} of link {part.joint}: coefficients {numbers.tolist()}: "
                 "expected mass [kg] and moment (3) [kg·m] that are added"
             )
-        mass = float(inertial_parameters(arm.pinocchio())[part.joint - 1, 0])
+        links, j = inertial_parameters(arm.pinocchio()), part.joint - 1
+        mass = links[j, 0]
         if mass + numbers[0] <= 0:
             raise StictionError(
                 f"cause {self.name} of link {part.joint}: {numbers[0]:+.4g} kg on {mass:.4g} kg "
                 "leave no body: expected less"
             )
-        return with_link(arm, part.joint, numbers)
+        links[j] = changed_link(links[j], numbers)
+        return with_inertias(arm, links)

@@ -19,6 +19,7 @@ from stiction_envs.gap.causes.body.bodies import (
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.rigid_body import reach_of
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import consistent
 
@@ -74,7 +75,8 @@ class Payload(Cause):
 
         Some of the last link must remain. Tools are mounted all the time.
         """
-        mass = USUAL_SHARE * data.lift
+        reach = max(reach_of(data.recording.pinocchio), 0.1)
+        mass = USUAL_SHARE * float(data.strength.max() / (9.81 * reach))
         size = mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[(USUAL_CENTRE / 2) ** 2] * 6])
         high = np.array([*[np.inf] * 4, *[MOST_INERTIA] * 6])
         low = -high
@@ -87,10 +89,14 @@ class Payload(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per kilogram, and per kg·m of moment about the flange in its axes."""
-        change = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
         own = slice(4 * data.n, 4 * data.n + 10)
         last = data.recording.derived(body_columns, *data.gravity_found)[..., own]
-        return np.asarray(last @ change)
+        return np.asarray(last @ self._directions(data, shape))
+
+    def _directions(self, data: Data, shape: Shape) -> Array:
+        """Return (10, 10) change of the last link's parameters per coefficient."""
+        flange = from_flange(data.recording.pinocchio, data.arm)
+        return np.asarray(flange @ payload_directions(np.array(shape)))
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return the centre that was found."""
@@ -121,8 +127,7 @@ class Payload(Cause):
 
     def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
         """Return the change of the last link's parameters."""
-        own = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
-        return np.concatenate([np.zeros((10 * (data.n - 1), size)), own])
+        return np.concatenate([np.zeros((10 * (data.n - 1), size)), self._directions(data, shape)])
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return the ten parameters of the body about the flange."""

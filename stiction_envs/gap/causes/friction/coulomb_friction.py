@@ -49,4 +49,4 @@ class CoulombFriction(Cause):
         """Raise friction at rest and in motion."""
         (level,) = part.coefficients
         draft.coulomb[part.joint - 1] += level
-        draft.stiction[part.joint - 1] += level
+        draft.values["stiction"][part.joint - 1] += level

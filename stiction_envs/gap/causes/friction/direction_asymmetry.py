@@ -53,7 +53,7 @@ class DirectionAsymmetry(Cause):
         (half,) = part.coefficients
         both = np.array([half, -half])
         draft.coulomb[part.joint - 1] += both
-        draft.stiction[part.joint - 1] += both
+        draft.values["stiction"][part.joint - 1] += both
         draft.leave_out(part, "MuJoCo's friction knows no direction: the mean stands", tables=False)
 
     def in_tables(self, data: TableData) -> Iterator[Effect]:

@@ -57,10 +57,10 @@ class PositionDependentFriction(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return sine and cosine of k q, in the direction of motion if it is friction's."""
-        angle = shape[0] * data.reversal_path[:, joint]
+        angle = shape[0] * data.recording.reversal_path[:, joint]
         wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         if len(shape) > 1:
-            wave *= data.direction(joint)[:, None]
+            wave *= data.directions[:, [joint]]
         return wave
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
@@ -83,7 +83,7 @@ class PositionDependentFriction(Cause):
         thin = slice(None, None, max(1, len(q) // ROWS))
         weight = np.abs(data.dq[thin, joint])
         weight = np.sqrt(np.minimum(weight, np.percentile(weight, 90)))
-        direction = data.direction(joint)[data.recording.path_rows]
+        direction = data.directions[:, joint][data.recording.path_rows]
         base = np.stack([np.ones_like(q), q, direction], axis=1)[thin]
         base, r = base * weight[:, None], residual[thin] * weight
         turning = weight * direction[thin]
@@ -114,12 +114,14 @@ class PositionDependentFriction(Cause):
         size, periods, angle = self._wave(np.array(part.coefficients), part.shape)
         # MuJoCo's cogging drives the joint; ours is what the motor must overcome
         angle += np.pi
-        there, its_periods, its_angle = draft.ripple[j]
-        if there == 0:
-            draft.ripple[j] = size, periods, angle
-        elif periods == its_periods:
-            both = there * np.exp(1j * its_angle) + size * np.exp(1j * angle)
-            draft.ripple[j] = abs(both), periods, np.angle(both)
+        ripple = [draft.values[f"ripple_{x}"] for x in ("amplitude", "periods", "phase")]
+        there, its_periods, its_angle = (x[j] for x in ripple)
+        if there == 0 or periods == its_periods:
+            if there:
+                both = there * np.exp(1j * its_angle) + size * np.exp(1j * angle)
+                size, angle = abs(both), np.angle(both)
+            for mine, x in zip(ripple, (size, periods, angle), strict=True):
+                mine[j] = x
         else:
             draft.waves.append((j, size, periods, angle))
             draft.not_in_tables.append(

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.servo.servo_parameters import InServo
@@ -23,8 +23,8 @@ sign(q̇), and no gear yields over the longest, 0.13 rad."""
 
 def since_reversal(data: Data, joint: int, shape: Shape) -> Array:
     """Return (T,) how far the joint has gone since it last reversed [rad]."""
-    out = np.zeros(len(data.t))
-    for run in data.runs():
+    out = np.zeros(len(data.q))
+    for run in data.recording.runs:
         q = data.q[run, joint]
         sign = np.sign(np.diff(q, prepend=q[0]))
         turned = np.flatnonzero(np.diff(sign) != 0) + 1
@@ -62,13 +62,9 @@ class PreslidingHysteresis(Cause):
         evidence="the angle gives before it slides",
     )
 
-    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return a twentieth of what the joint can bear [N·m]; assumed."""
-        return Prior(np.array([0.05 * data.strength[joint]]))
-
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the change by the bristle of dry friction of 1 N·m."""
-        path, runs = data.reversal_path[:, [joint]], data.recording.path_runs
+        path, runs = data.recording.reversal_path[:, [joint]], data.recording.path_runs
         distance = np.array([[shape[0]]])
         ratio = bristles(path, runs, distance)[:, 0, 0]
         return (ratio - data.dry_friction_ratio(joint))[:, None]
@@ -83,7 +79,7 @@ class PreslidingHysteresis(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Set the bristle's stiffness."""
-        draft.bristle[part.joint - 1] = part.coefficients[0] / part.shape[0]
+        draft.values["bristle_stiffness"][part.joint - 1] = part.coefficients[0] / part.shape[0]
 
     def possible(
         self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float

@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.servo.servo_parameters import InServo
@@ -53,14 +53,10 @@ class StribeckFriction(Cause):
         evidence="the joint needs more torque to start than to go on",
     )
 
-    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return a twentieth of what the joint can bear [N·m]; assumed."""
-        return Prior(np.array([0.05 * data.strength[joint]]))
-
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
         # the reversal path has a wider filter: the speed falls fast where a joint stops
-        speed = data.recording.path_rate(data.reversal_path[:, joint])
+        speed = data.recording.path_rate(data.recording.reversal_path[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
         ratio = shape[1] if len(shape) > 1 else 0.0
         return data.growth(joint, fade, ratio)[:, None]
@@ -86,5 +82,5 @@ class StribeckFriction(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise friction at rest only."""
-        draft.stiction[part.joint - 1] += part.coefficients[0]
-        draft.stribeck[part.joint - 1] = part.shape[0]
+        draft.values["stiction"][part.joint - 1] += part.coefficients[0]
+        draft.values["stribeck_velocity"][part.joint - 1] = part.shape[0]

@@ -40,4 +40,4 @@ class ViscousFriction(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise the slope."""
-        draft.viscous[part.joint - 1] += part.coefficients[0]
+        draft.values["viscous"][part.joint - 1] += part.coefficients[0]

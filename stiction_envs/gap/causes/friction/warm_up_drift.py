@@ -73,7 +73,8 @@ class WarmUpDrift(Cause):
             )
         if len(np.unique(data.recording.log)) < 2:
             return self.what
-        why = "their pauses are long" if data.recording.common_clock else "no clock is common"
+        common = data.recording.sessions.common_clock
+        why = "their pauses are long" if common else "no clock is common"
         return f"{self.what} (each log is assumed to start cold: {why})"
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
@@ -83,12 +84,13 @@ class WarmUpDrift(Cause):
         level = float(draft.coulomb[j].mean())
         warm = level + rate * late
         rise = -rate * late / warm if warm > LEAST_FRICTION < level else -1.0
-        ok = rise > -0.9 and draft.warm[j, 0] == 0
+        ok = rise > -0.9 and draft.values["warm_up_friction"][j] == 0
         when = "mid-record" if ok else "the start of the record"
         stands = rate * draft.duration / 2 if ok else 0.0
         why = f"MJCF has no clock: the level at {when} stands"
         draft.leave_out(part, why, tables=not ok, dry=stands)
         if ok:
-            draft.warm[j] = rise, late
+            draft.values["warm_up_friction"][j] = rise
+            draft.values["warm_up_time"][j] = late
             draft.coulomb[j] *= warm / level
-            draft.stiction[j] *= warm / level
+            draft.values["stiction"][j] *= warm / level

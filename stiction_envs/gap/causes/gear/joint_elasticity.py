@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Index
 from stiction_envs.compiled import compiled
 from stiction_envs.gap.causes.base import (
     ALL_OF_ONE,
@@ -20,7 +20,7 @@ from stiction_envs.gap.causes.base import (
 )
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import Recording, rate
+from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
@@ -65,7 +65,8 @@ class JointElasticity(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque of the link's deflection on all joints."""
-        delta = deflection(data, joint, *shape)
+        spring = (*shape, DAMPINGS[2])[:2]  # a model file may hold the stiffness alone
+        delta = deflections(data, joint, [spring])[:, 0]
         return torque_of(data, joint, delta)[..., None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
@@ -97,16 +98,11 @@ class JointElasticity(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Make the joint elastic if its rotor inertia is known."""
-        j = part.joint - 1
-        if draft.rotor[j] >= LEAST_ROTOR and not np.isfinite(draft.spring[j]):
-            draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])
+        j, springs = part.joint - 1, draft.values["joint_stiffness"]
+        if draft.values["rotor_inertia"][j] >= LEAST_ROTOR and not np.isfinite(springs[j]):
+            springs[j] = max(1.0, part.shape[0] / part.coefficients[0])
         else:
             draft.leave_out(part, "no rotor inertia is known that could swing on the spring")
-
-
-def along_runs(data: Data, signal: Array) -> Array:
-    """Return the time derivative of (T, ...) within each segment, per second."""
-    return rate(signal, data.runs(), data.dt)
 
 
 def masses(recording: Recording) -> Columns:
@@ -130,32 +126,28 @@ def torque_of(data: Data, joint: int, deflection: Array) -> Array:
 
     First order in δ; Coriolis terms of δ̇ are left out.
     """
-    bend = along_runs(data, along_runs(data, deflection))
+    bend = data.rate(data.rate(deflection))
     mass, slope = (data.links.derived(x)[:, :, joint] for x in (masses, slopes))
     return np.asarray(mass * bend[:, None] + slope * deflection[:, None])
 
 
 def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
     """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
-    bend = along_runs(data, along_runs(data, deflections))
+    bend = data.rate(data.rate(deflections))
     mass, slope = own_terms(data, joint)
     bend *= mass[:, None]
     bend += slope[:, None] * deflections
     return bend
 
 
-def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> Array:
-    """Return (T,) the link's angle less the motor's, M δ̈ + D δ̇ + K δ = −load(q + δ) [rad].
+def deflections(data: Data, joint: int, springs: Sequence[Shape]) -> Array:
+    """Return (T, k) the link's angle less the motor's, M δ̈ + D δ̇ + K δ = −load(q + δ) [rad].
 
     Newmark's average acceleration, which is stable for any K ("A method of computation for
-    structural dynamics", 1959); D is ``ratio`` of the critical. The load is that of the motor's
-    angle and its slope with gravity, to first order in δ.
+    structural dynamics", 1959); D is a part of the critical. The load is that of the motor's
+    angle and its slope with gravity, to first order in δ. Each of the k springs is its stiffness
+    and its damping ratio.
     """
-    return deflections(data, joint, [(stiffness, ratio)])[:, 0]
-
-
-def deflections(data: Data, joint: int, springs: Sequence[Shape]) -> Array:
-    """Return (T, k) `deflection` of k springs, each its stiffness and damping ratio."""
     loads = data.rigid[:, joint], *own_terms(data, joint)
     stiffness, ratio = np.array(springs).T
     return _swing(*loads, data.recording.segment, stiffness, ratio, data.dt)
@@ -166,7 +158,7 @@ def _swing(
     load: Array,
     mass: Array,
     slope: Array,
-    segment: NDArray[np.int64],
+    segment: Index,
     stiffness: Array,
     ratio: Array,
     h: float,

@@ -16,7 +16,6 @@ from scipy.signal import lfilter
 from stiction_envs.gap.causes.base import THE_ARM, Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import rate
 
 LEAST = 0.001
 """Shortest delay that counts [s]; assumed: a robot's cycle."""
@@ -44,7 +43,7 @@ class ActuatorDelay(Cause):
     parameters: ClassVar = (Parameter("delay_s", "s", -0.2, 0.2),)
     view: ClassVar = View(
         "rate of the nominal torque [N·m/s]",
-        lambda data, joint, shape: rate(data.nominal[:, joint], data.runs(), data.dt),
+        lambda data, joint, shape: data.rate(data.nominal[:, joint]),
         note="a slope: torque that comes late",
     )
 
@@ -111,10 +110,6 @@ class ActuatorDelay(Cause):
         delay = abs(float(coefficients[0]))
         usual = super().possible(data, joint, coefficients, shape, level)
         return usual and delay >= max(LEAST, 0.5 * data.dt)
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return T [s]."""
-        return {"delay_s": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say by how much to shift torques: MuJoCo's actuators have no delay."""

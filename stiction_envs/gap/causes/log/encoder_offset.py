@@ -32,7 +32,7 @@ from stiction_envs.gap.servo.servo_parameters import BOTH_SIDES, InServo
 from stiction_envs.gap.signals.angles import AngleError
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics, under
 from stiction_envs.robots import Arm, mjcf
 
 USUAL = 0.1
@@ -56,6 +56,7 @@ class EncoderOffset(Cause):
     shown_at_rest: ClassVar[bool] = True
     acts_on: ClassVar[str] = ALL_OF_ONE
     adds_to: ClassVar[str] = ZERO
+    least: ClassVar[float] = LEAST
     parameters: ClassVar = (Parameter("offset_rad", "rad", -2 * np.pi, 2 * np.pi),)
     view: ClassVar = View(
         "−∂τ/∂q of the joint [N·m/rad]",
@@ -76,10 +77,6 @@ class EncoderOffset(Cause):
     def __init__(self, far: AngleError | None = None) -> None:
         """Take the joint whose zero is far off, found by `angles`; None for none."""
         self.far = far
-
-    def near(self, far: AngleError) -> EncoderOffset:
-        """Return the cause that also tries a zero that is far off."""
-        return EncoderOffset(far)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return δ_0 [rad] to try: the tangent at 0, and its fit.
@@ -106,7 +103,7 @@ class EncoderOffset(Cause):
             return data.links.derived(_slopes, *data.gravity_found)[:, :, joint, None]
         recording, there = data.links, data.q.copy()
         there[:, joint] -= shape[0]
-        model = _under(recording.pinocchio, data.gravity_found)
+        model = under(recording.pinocchio, data.gravity_found)
         more = inverse_dynamics(model, there, data.dq, data.ddq)
         more -= recording.derived(_torques, *data.gravity_found)
         return np.asarray(more[..., None] / shape[0])
@@ -115,17 +112,6 @@ class EncoderOffset(Cause):
         """Return the offset that was found."""
         found = float(coefficients[0])
         return (found,) if abs(found) > LEAST else shape
-
-    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return δ [rad]."""
-        return {"offset_rad": float(coefficients[0])}
-
-    def possible(
-        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
-    ) -> bool:
-        """Return whether the offset is one, and not the largest."""
-        usual = super().possible(data, joint, coefficients, shape, level)
-        return usual and abs(float(coefficients[0])) >= LEAST
 
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm whose joint reads δ more: at zero its link is turned by −δ."""
@@ -149,20 +135,11 @@ class EncoderOffset(Cause):
         )
 
 
-def _under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:
-    """Return a model under gravity x, y, z [m/s²]; () for the model's gravity."""
-    if not gravity:
-        return model
-    out = model.copy()
-    out.gravity.linear = np.array(gravity)
-    return out
-
-
 def _torques(recording: Recording, *gravity: float) -> Array:
-    """Return (T, n) torque of the arm along a recording [N·m], ``gravity`` as of `_under`."""
+    """Return (T, n) torque of the arm along a recording [N·m], ``gravity`` as of `under`."""
     if not gravity:
         return recording.rigid
-    model = _under(recording.pinocchio, gravity)
+    model = under(recording.pinocchio, gravity)
     return inverse_dynamics(model, recording.q, recording.dq, recording.ddq)
 
 
@@ -170,9 +147,9 @@ def _slopes(recording: Recording, *gravity: float) -> Columns:
     """Return (T, n, n) −∂τ/∂q of the inverse dynamics, torque first [N·m/rad].
 
     Derivatives of Newton and Euler's recursion (J. Carpentier, N. Mansard, "Analytical derivatives
-    of rigid body dynamics algorithms", RSS 2018). ``gravity`` as of `_under`.
+    of rigid body dynamics algorithms", RSS 2018). ``gravity`` as of `under`.
     """
-    model = _under(recording.pinocchio, gravity)
+    model = under(recording.pinocchio, gravity)
     work = model.createData()
     out = np.empty((*recording.q.shape, recording.n), dtype=np.float32)
     for k, row in enumerate(zip(recording.q, recording.dq, recording.ddq, strict=True)):

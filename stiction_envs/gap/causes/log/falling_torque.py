@@ -8,9 +8,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
-
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -23,10 +21,6 @@ class FallingTorque(Cause):
     what_to_record: ClassVar[str] = "constant speeds in both directions, and the motors' currents"
     parameters: ClassVar = (Parameter("slope_nms", "N·m·s/rad", 0.0),)
     view: ClassVar = View("joint speed [rad/s]", variable("dq"), note="a slope that falls")
-
-    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return a twentieth of what the joint can bear, at 1 rad/s [N·m·s/rad]; assumed."""
-        return Prior(np.array([0.05 * data.strength[joint]]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return minus the speed."""

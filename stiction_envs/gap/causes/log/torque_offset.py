@@ -59,11 +59,11 @@ class TorqueOffset(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones."""
-        return np.ones((len(data.t), 1))
+        return np.ones((len(data.q), 1))
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add a torque that the motor must overcome."""
-        draft.offset[part.joint - 1] += part.coefficients[0]
+        draft.values["offset"][part.joint - 1] += part.coefficients[0]
 
     def in_tables(self, data: TableData) -> Iterator[Effect]:
         """Yield a torque that shifts both directions equally; dither does not reduce it."""

@@ -35,6 +35,7 @@ class TorqueScale(Cause):
     what_to_record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
     shown_at_rest: ClassVar[bool] = True
     acts_on: ClassVar[str] = EITHER  # another unit is one hypothesis, not one per joint
+    least: ClassVar[float] = LEAST_ERROR
     parameters: ClassVar = (Parameter("scale", "1", neutral=1.0),)
     view: ClassVar = View(
         "nominal torque [N·m]",
@@ -64,12 +65,6 @@ class TorqueScale(Cause):
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the gain of the torques as they were logged."""
         return {"scale": (shape or (1.0,))[0] * (1 + float(coefficients[0]))}
-
-    def possible(
-        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
-    ) -> bool:
-        """Return whether the gain is off by more than usual gains are."""
-        return abs(float(coefficients[0])) >= LEAST_ERROR
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say by what to divide: it is the log that is wrong, not the arm."""

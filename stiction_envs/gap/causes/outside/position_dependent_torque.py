@@ -100,7 +100,7 @@ class PositionDependentTorque(Cause):
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Take one cogging motor per harmonic, and an offset, that the motor must overcome."""
         j, (mean, *waves) = part.joint - 1, part.coefficients
-        draft.offset[j] += mean
+        draft.values["offset"][j] += mean
         for k, (a, b) in enumerate(zip(waves[::2], waves[1::2], strict=True), start=1):
             # MuJoCo's cogging a sin(k q + φ) drives the joint
             draft.waves.append((j, float(np.hypot(a, b)), float(k), float(np.arctan2(-a, -b))))
