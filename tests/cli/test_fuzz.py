@@ -30,7 +30,7 @@ from stiction_envs.cli.dispatch import BAD_INPUT, all_commands, build_parser
 from stiction_envs.measured.logs.reader import JointLog
 from tests.command_line import Ran
 from tests.gap.small_logs import motion, write_csv
-from tests.robots.arms import TWO
+from tests.robots.arms import TWO, URDF
 
 pytestmark = pytest.mark.slow
 EXAMPLES = int(os.environ.get("STICTION_FUZZ", "5"))
@@ -105,18 +105,6 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
             assert main(list(argv)) == 0
         shutil.copy("why/model.toml", "model.toml")
     return out
-
-
-URDF = """<robot name="two"><link name="base"/>
-<link name="a"><inertial><origin xyz="0 0 .1"/><mass value="1"/>
-<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="b"><inertial><origin xyz="0 0 .1"/><mass value="1"/>
-<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
-<limit lower="-2" upper="2" effort="20" velocity="2"/></joint>
-<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 .3"/>
-<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="20" velocity="2"/></joint></robot>
-"""
 
 
 def run(argv: list[str]) -> Ran | None:
