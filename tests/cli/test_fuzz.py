@@ -20,16 +20,15 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stiction_envs.cli import main
 from stiction_envs.cli.dispatch import BAD_INPUT, all_commands, build_parser
-from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import load_arm
 from tests.command_line import Ran
-from tests.gap.small_logs import motion, write_csv
+from tests.gap.small_logs import dry, hidden, write_csv
 from tests.robots.arms import TWO, URDF
 
 pytestmark = pytest.mark.slow
@@ -88,11 +87,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "[all]\nfrequency_hz = [15.0, 80.0]\n[joint.1]\namplitude_nm = [0, 1]\n"
     )
     (out / "settings.toml").write_text("[ppo]\narguments.n_steps = 16\n")
-    rng = np.random.default_rng(0)
-    t, q, dq, _ = motion(2, seconds=8.0)
-    tau = 0.5 * np.sign(dq) + 0.1 * rng.normal(size=dq.shape)
-    log = JointLog(source="made", t=t, q=q, dq=None, tau=tau)
-    write_csv(out / "log.csv", log)
+    write_csv(out / "log.csv", hidden(load_arm(out / "two.xml"), dry, seconds=8.0))
     shutil.copy(out / "log.csv", out / "whole.csv")
     with contextlib.chdir(out):
         for argv in (
