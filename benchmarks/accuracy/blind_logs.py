@@ -34,11 +34,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.harness import LOGS, Benchmark, Row, met
 from stiction_envs.errors import StictionError
@@ -49,6 +46,7 @@ from stiction_envs.gap.validation.check import check_model
 from stiction_envs.hidden.hidden_logs import Hidden, HiddenLogs, make_case
 from stiction_envs.hidden.torque_effects import EFFECTS, cause_of
 from stiction_envs.reporting.markdown import table_text
+from stiction_envs.reporting.png import save_full
 
 FIRST = 80000
 """Seeds of the study begin here; those below 1000 are for development."""
@@ -66,7 +64,7 @@ HOLDS = 1.3
 """Error on the second motion over that on held-out blocks of the first, at most [-]; assumed."""
 STRONGEST, INTERVAL, FALSE, TWO, THREE, HOLD = 0.95, 0.85, 0.02, 0.9, 0.8, 0.95
 """Shares of cases that are aimed at [-]; assumed."""
-MADE_BY = (*(*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py"),)
+MADE_BY = (*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py")
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
 
@@ -393,7 +391,8 @@ def draw(rows: Rows, path: Path) -> None:
         at = hidden.index((r["hidden"] or ["nothing"])[0])
         table[at, named.index((r["named"] or ["nothing"])[0])] += 1
     share = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
-    figure, axes = plt.subplots(figsize=(9.5, 9), layout="constrained")
+    figure = Figure(figsize=(9.5, 9), layout="constrained")
+    axes = figure.subplots()
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
     for i, j in zip(*np.nonzero(table), strict=True):
         colour = "white" if share[i, j] > 0.5 else "black"
@@ -401,8 +400,7 @@ def draw(rows: Rows, path: Path) -> None:
     axes.set_xticks(range(len(named)), [n.replace("_", " ") for n in named], rotation=90)
     axes.set_yticks(range(len(hidden)), [n.replace("_", " ") for n in hidden])
     axes.set(xlabel="named first", ylabel="hidden", title="Blind logs: cases, shaded by row")
-    figure.savefig(path, dpi=120)
-    plt.close(figure)
+    save_full(figure, path)
 
 
 def main() -> None:

@@ -13,7 +13,6 @@ import importlib.util
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.metadata import version
 from types import SimpleNamespace
 from typing import Any
@@ -102,29 +101,23 @@ def iiwa14() -> Parts:
 CASES: dict[str, Callable[[], Parts]] = {"panda": panda, "iiwa14": iiwa14}
 
 
-def rms(parts: Parts, torque: Callable[[Array, Array, Array], Array]) -> dict[str, list[float]]:
-    """Return (n,) what a model leaves of the torques of each part [N·m]."""
-    out = {}
-    for name in ("fit", "held_out", "check"):
-        s = parts.signals(getattr(parts, name))
-        left = torque(s.q, s.dq, s.ddq) - s.tau
-        out[name] = np.sqrt(np.mean(np.square(left), axis=0)).tolist()
-    return out
+def rms(parts: Parts, left: Callable[[Signals], Array]) -> dict[str, list[float]]:
+    """Return (n,) the root mean square of what a model leaves of each part [N·m]."""
+    signals = {x: parts.signals(getattr(parts, x)) for x in ("fit", "held_out", "check")}
+    return {x: np.sqrt(np.mean(np.square(left(s)), axis=0)).tolist() for x, s in signals.items()}
 
 
 def published(parts: Parts) -> dict[str, Any]:
     """Return what the published model leaves, as it is."""
-    return {"rms": rms(parts, partial(inverse_dynamics, parts.arm.pinocchio()))}
+    model = parts.arm.pinocchio()
+    return {"rms": rms(parts, lambda s: inverse_dynamics(model, s.q, s.dq, s.ddq) - s.tau)}
 
 
 def ours(parts: Parts) -> dict[str, Any]:
     """Return what `stiction diagnose` finds, and what its model leaves."""
     found = diagnose_logs(parts.fit, parts.arm, torque="link")
     model = model_of(found)
-    left = {}
-    for name in ("fit", "held_out", "check"):
-        data = assemble(parts.arm, parts.signals(getattr(parts, name)), torque="link")
-        left[name] = np.sqrt(np.mean(np.square(model.extend(data).residual), axis=0)).tolist()
+    left = rms(parts, lambda s: model.extend(assemble(parts.arm, s, torque="link")).residual)
     causes = ", ".join(f"{c.name} ({joints(c.joints)})" for c in found.causes)
     bound = sum(e.on_bound for c in found.causes for p in c.parameters.values() for e in p.values())
     confused = sum(bool(c.confused_with) for c in found.causes)
@@ -149,7 +142,8 @@ def peer(kind: Any) -> Callable[[Parts], dict[str, Any]]:
             for run in given.runs
         ]
         model = kind(parts.arm, stretches, given.dt)
-        return {"rms": rms(parts, model.torque), **model.says()}
+        left = rms(parts, lambda s: model.torque(s.q, s.dq, s.ddq) - s.tau)
+        return {"rms": left, **model.says()}
 
     return run
 

@@ -106,11 +106,11 @@ def row_of(d: Diagnosis, shown: Any) -> Row:
 # ---- fits beside the tool's, each block of time under the fit of all others --------------------
 
 
-def held_out(data: Data, columns: list[np.ndarray], target: np.ndarray) -> np.ndarray:
-    """Root mean square (n,) [N·m] that columns (T, k) of each joint leave of a target (T, n)."""
+def held_out(data: Data, columns: list[np.ndarray]) -> np.ndarray:
+    """Root mean square (n,) [N·m] that columns (T, k) of each joint leave of the residual."""
     out = np.zeros(data.n)
     for j, x in enumerate(columns):
-        y, left, count = target[:, j], 0.0, 0
+        y, left, count = data.residual[:, j], 0.0, 0
         for b in range(data.block.max() + 1):
             test, fit = data.block == b, (data.block >= 0) & (data.block != b)
             c = np.linalg.lstsq(x[fit], y[fit], rcond=1e-8)[0] if x.shape[1] else np.zeros(0)
@@ -133,11 +133,9 @@ def usual(d: Diagnosis) -> dict[str, np.ndarray]:
     moves = [np.ptp(data.q[:, j]) > 0.2 for j in range(data.n)]
     friction = [x if m else x[:, :0] for x, m in zip(friction, moves, strict=True)]
     return {
-        "rigid": held_out(data, [one[:, :0]] * data.n, data.residual),
-        "coulomb_viscous": held_out(data, friction, data.residual),
-        "coulomb_viscous_offset": held_out(
-            data, [np.hstack([x, one]) for x in friction], data.residual
-        ),
+        "rigid": held_out(data, [one[:, :0]] * data.n),
+        "coulomb_viscous": held_out(data, friction),
+        "coulomb_viscous_offset": held_out(data, [np.hstack([x, one]) for x in friction]),
     }
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.harness import Benchmark, Row, machine
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance import conformance
-from stiction_envs.experiments.conformance_report import ConformanceSettings, Report
+from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.experiments.engines import ENGINES
 from stiction_envs.friction.export import HARDEST, NOSLIP, Kind, plain_mjcf
 from stiction_envs.friction.sticking import sticking_model
@@ -67,8 +67,11 @@ def exported(arm: str, kind: Kind, engine: str) -> str:
     return plain_mjcf(sticking_model(arm), friction_name=arm, kind=kind, motor=motor)
 
 
-def row_of(report: Report) -> Row:
-    """Return what the page says of a report."""
+def in_engine(job: tuple[str, str, Kind, ConformanceSettings]) -> Row:
+    """Return the row of an arm, or of `ONE`, with a kind of friction in an engine."""
+    engine, arm, kind, settings = job
+    text = one_joint() if arm == ONE else exported(arm, kind, engine)
+    report = conformance(text, engine=engine, settings=settings, rates=(), threads=1)
     joints = report.joints
     return {
         "version": (report.engine or f"mujoco {mujoco.__version__}").split()[-1],
@@ -84,21 +87,12 @@ def row_of(report: Report) -> Row:
     }
 
 
-def in_engine(job: tuple[str, str, Kind, ConformanceSettings]) -> Row:
-    """Return the row of an arm with a kind of friction in an engine."""
-    engine, arm, kind, settings = job
-    text = exported(arm, kind, engine)
-    return row_of(conformance(text, engine=engine, settings=settings, rates=(), threads=1))
-
-
-def one_joint(job: tuple[str, str, Kind, ConformanceSettings]) -> Row:
-    """Return the row of a single joint of 0.5 N·m with the solver settings that export writes."""
-    engine, *_, settings = job
+def one_joint() -> str:
+    """Return a single joint of 0.5 N·m with the solver settings that export writes."""
     hard = " ".join(f'{key}="{value.format(0.002)}"' for key, value in HARDEST.items())
-    text = f"""<mujoco><option timestep="0.001" noslip_iterations="{NOSLIP}"/><worldbody><body>
+    return f"""<mujoco><option timestep="0.001" noslip_iterations="{NOSLIP}"/><worldbody><body>
       <joint name="joint" type="hinge" frictionloss="0.5" armature="0.1" {hard}/>
       <geom size="0.05" mass="1" pos="0.1 0 0"/></body></worldbody></mujoco>"""
-    return row_of(conformance(text, engine=engine, settings=settings, rates=(), threads=1))
 
 
 def cells(row: Row) -> list[str]:
@@ -150,7 +144,7 @@ def page(rows: dict[str, Row]) -> dict[str, Any]:
 
 def main() -> None:
     options = STUDY.parser().parse_args()
-    settings, kept, jobs = short(60.0, 20.0), STUDY.rows(options), {}
+    settings, kept, jobs, singles = short(60.0, 20.0), STUDY.rows(options), {}, {}
     for engine in ENGINES:
         try:
             ENGINES[engine].check()
@@ -160,11 +154,9 @@ def main() -> None:
         for arm, kind in product(ARMS, KINDS):
             if engine not in TOO_LONG or kind != "frictionloss":
                 jobs[f"{engine} {arm} {kind}"] = (engine, arm, kind, settings)
-    kept.fill(jobs, in_engine, minutes=options.minutes)
-    ready = dict.fromkeys(key.split()[0] for key in jobs)
-    brief = short(ONE_HOLD, 3.0)
-    singles = {f"{e} {ONE} frictionloss": (e, ONE, KINDS[1], brief) for e in ready}
-    kept.fill(singles, one_joint, minutes=options.minutes)
+        brief = short(ONE_HOLD, 3.0)
+        singles[f"{engine} {ONE} frictionloss"] = (engine, ONE, KINDS[1], brief)
+    kept.fill({**jobs, **singles}, in_engine, minutes=options.minutes)
     every = [f"{e} {a} {k}" for e in ENGINES for a in (*ARMS, ONE) for k in KINDS]
     STUDY.write_page(options, **page(kept.known(every)))
 

@@ -20,17 +20,16 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stiction_envs.cli import main
 from stiction_envs.cli.dispatch import BAD_INPUT, all_commands, build_parser
-from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import load_arm
 from tests.command_line import Ran
-from tests.gap.small_logs import motion, write_csv
-from tests.robots.arms import TWO
+from tests.gap.small_logs import dry, hidden, write_csv
+from tests.robots.arms import TWO, URDF
 
 pytestmark = pytest.mark.slow
 EXAMPLES = int(os.environ.get("STICTION_FUZZ", "5"))
@@ -88,11 +87,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "[all]\nfrequency_hz = [15.0, 80.0]\n[joint.1]\namplitude_nm = [0, 1]\n"
     )
     (out / "settings.toml").write_text("[ppo]\narguments.n_steps = 16\n")
-    rng = np.random.default_rng(0)
-    t, q, dq, _ = motion(2, seconds=8.0)
-    tau = 0.5 * np.sign(dq) + 0.1 * rng.normal(size=dq.shape)
-    log = JointLog(source="made", t=t, q=q, dq=None, tau=tau)
-    write_csv(out / "log.csv", log)
+    write_csv(out / "log.csv", hidden(load_arm(out / "two.xml"), dry, seconds=8.0))
     shutil.copy(out / "log.csv", out / "whole.csv")
     with contextlib.chdir(out):
         for argv in (
@@ -105,18 +100,6 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
             assert main(list(argv)) == 0
         shutil.copy("why/model.toml", "model.toml")
     return out
-
-
-URDF = """<robot name="two"><link name="base"/>
-<link name="a"><inertial><origin xyz="0 0 .1"/><mass value="1"/>
-<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="b"><inertial><origin xyz="0 0 .1"/><mass value="1"/>
-<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><axis xyz="0 1 0"/>
-<limit lower="-2" upper="2" effort="20" velocity="2"/></joint>
-<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 .3"/>
-<axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="20" velocity="2"/></joint></robot>
-"""
 
 
 def run(argv: list[str]) -> Ran | None:

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Iterator
 from types import SimpleNamespace
-from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 import stiction_envs as st
-from stiction_envs.errors import StictionError
 from stiction_envs.hidden.examples import log_csv
 from stiction_envs.measured.logs.formats import registry
-from stiction_envs.measured.logs.formats.base import ColumnFile, Header
+from stiction_envs.measured.logs.formats.base import Header
 from stiction_envs.measured.logs.reader import read_logs
 from tests.gap.small_logs import hidden
 from tests.measured.checks.test_checks import sje, write_sje
 from tests.measured.logs.ros_bags import joint_states, write_bag
+from tests.refusal import refusal
 
 
 @pytest.fixture
@@ -124,18 +122,6 @@ def test_diagnose_and_identify_a_bag(cli, two, log, bag, work):
 # ---- a kind of log from outside the package ------------------------------------------------------
 
 
-class Semicolons(ColumnFile):
-    """Columns between semicolons."""
-
-    ends: ClassVar = (".semi",)
-
-    def columns(self, where: str) -> dict[str, Any]:
-        """Read the columns."""
-        with open(where, encoding="utf-8") as file:
-            names, *rows = csv.reader(file, delimiter=";")
-        return dict(zip(names, np.array(rows, float).T, strict=True))
-
-
 OURS = {"time_us": "t", "angle1": "q1", "angle2": "q2", "torque1": "tau1", "torque2": "tau2"}
 MINE = Header(
     mark="time_us",
@@ -148,9 +134,8 @@ MINE = Header(
 
 @pytest.fixture
 def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Both kinds come from the entry points of another package; afterwards they are forgotten."""
-    points = [SimpleNamespace(load=lambda new=new: new) for new in (Semicolons(), MINE)]
-    monkeypatch.setattr(registry, "_formats", [*registry._formats])
+    """It comes from the entry points of another package; afterwards it is forgotten."""
+    points = [SimpleNamespace(load=lambda: MINE)]
     before = [*registry.HEADERS]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
     registry._load_entry_points.cache_clear()
@@ -162,19 +147,17 @@ def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("known")
 def test_a_format_from_outside_is_read_by_library_and_commands(cli, inputs, two, log) -> None:
     (own,) = read_logs([log], 2)
-    semi, mine = inputs / "log.semi", inputs / "mine.csv"
-    semi.write_text(log.read_text("utf-8").replace(",", ";"), "utf-8")
+    mine = inputs / "mine.csv"
     table = np.column_stack([1e6 * own.t, own.q, own.tau])
     np.savetxt(mine, table, delimiter=",", header=",".join(OURS), comments="", fmt="%.17g")
-    for path, side in ((semi, None), (mine, "link")):
-        (read,) = read_logs([path], 2)
-        assert read.side == side
-        np.testing.assert_allclose(read.t, own.t, atol=1e-9)
-        np.testing.assert_array_equal(read.tau, own.tau)
-        assert not st.check(path, robot=two).defects
-        with pytest.raises(StictionError, match="expected"):
-            registry.register(Semicolons() if path == semi else MINE)
-        assert cli("check", path, "--robot", two).code == 0
+    (read,) = read_logs([mine], 2)
+    assert read.side == "link"
+    np.testing.assert_allclose(read.t, own.t, atol=1e-9)
+    np.testing.assert_array_equal(read.tau, own.tau)
+    assert not st.check(mine, robot=two).defects
+    for new in (MINE, registry.CsvFile()):
+        refusal(lambda new=new: registry.register(new), "expected")
+    assert cli("check", mine, "--robot", two).code == 0
 
 
 # ---- servo logs, and angles in other units -------------------------------------------------------

@@ -1,6 +1,6 @@
 import pytest
 
-from tests.envs.helpers import KINDS, Kind
+from tests.envs.helpers import KINDS, Kind, make_gte
 
 
 @pytest.fixture(scope="module", params=KINDS)
@@ -13,5 +13,13 @@ def kind(request) -> Kind:
 def env(kind):
     """The Panda's environment in short episodes."""
     made = kind.make()
+    yield made
+    made.close()
+
+
+@pytest.fixture(scope="module")
+def panda():
+    """The Panda's GTE environment."""
+    made = make_gte()
     yield made
     made.close()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -13,7 +11,6 @@ import pytest
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
 from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
-from stiction_envs.errors import StictionError
 
 PANDA, IIWA = "stiction_envs:PandaSJE-v0", "stiction_envs:IiwaSJE-v0"
 PANDA_GTE, IIWA_GTE = "stiction_envs:PandaGTE-v0", "stiction_envs:IiwaGTE-v0"
@@ -82,16 +79,6 @@ LIMITS = {"control_interval_s": 0.2, "motion": sprint()}
 GTE = Kind(GTEEnv, GTEVectorEnv, LIMITS, TRIANGLE, "gte", PANDA_GTE, IIWA_GTE)
 KINDS = {"sje": SJE, "gte": GTE}
 make, make_gte = SJE.make, GTE.make
-
-
-@contextmanager
-def refused(*words: str) -> Iterator[None]:
-    """Expect an error of one line that has these words."""
-    with pytest.raises(StictionError) as error:
-        yield
-    message = str(error.value)
-    assert "\n" not in message
-    assert [w for w in words if w not in message] == []
 
 
 def quiet(env: gym.Env) -> np.ndarray:

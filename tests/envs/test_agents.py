@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.agents import AGENTS, GatedTable
-from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
+from tests.refusal import refusal
 
 ROWS = (AmplitudeRow(1, 50.0, 0.5), AmplitudeRow(6, 20.0, 0.3, gate_rad_s=0.1))
 
@@ -75,5 +75,4 @@ def test_a_gated_table_fades_with_speed(env):
     ],
 )
 def test_wrong_tables(env, rows, words):
-    with pytest.raises(StictionError, match=words):
-        GatedTable(env, rows)
+    refusal(lambda: GatedTable(env, rows), words)

@@ -12,9 +12,7 @@ import pytest
 
 from stiction_envs.plant.copies import dumps
 from tests.envs.helpers import GTE, TRIANGLE, divided, mild, same
-
-ENDS = {"sje": {"fixed_options": {"joint": 6}}, "gte": {}}
-"""Arguments of each experiment with which episodes end within a few steps."""
+from tests.envs.test_vector import FIXED
 
 
 def unpickled(env):
@@ -37,7 +35,7 @@ def on(env, count: int) -> list:
 @pytest.mark.parametrize(("count", "way"), [(0, copy.deepcopy), (3, unpickled)])
 def test_a_copy_goes_on_with_the_same_bits(kind, count, way):
     """Also over the end of an episode and into the next, which is drawn from the generator."""
-    env = kind.make_vec(count, **ENDS[kind.name]) if count else kind.make(**ENDS[kind.name])
+    env = kind.make_vec(count, **FIXED[kind.name]) if count else kind.make(**FIXED[kind.name])
     env.reset(seed=3)
     on(env, 3)
     other = way(env)

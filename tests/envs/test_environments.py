@@ -9,8 +9,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RescaleAction
 
-from stiction_envs.errors import StictionError
-from tests.envs.helpers import TRIANGLE, TWO_JOINTS, Kind, episode, mild, quiet, refused, same
+from tests.envs.helpers import TRIANGLE, TWO_JOINTS, Kind, episode, mild, quiet, same
+from tests.refusal import refusal
 
 
 def of_each(**cases: list[tuple]) -> pytest.MarkDecorator:
@@ -96,30 +96,28 @@ def test_own_arm_with_two_joints(kind, tmp_path):
     ],
 )
 def test_wrong_options(env, wrong, words):
-    with refused(*words):
-        env.unwrapped.reset(seed=0, options=wrong)
+    line = refusal(lambda: env.unwrapped.reset(seed=0, options=wrong))
+    assert [w for w in words if w not in line] == []
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ((2, np.nan), ("amplitude of joint 3", "nan")),
-        ((7, 4.0), ("frequency of joint 1", "expected 5 to 100 Hz")),
+        ((2, np.nan), "amplitude of joint 3.*nan"),
+        ((7, 4.0), "frequency of joint 1.*expected 5 to 100 Hz"),
     ],
 )
 def test_wrong_actions(kind, env, change, words):
     env.reset(seed=0, options=kind.options)
     action = quiet(env)
     action[change[0]] = change[1]
-    with refused(*words):
-        env.unwrapped.step(action)
+    refusal(lambda: env.unwrapped.step(action), words)
 
 
 @pytest.mark.parametrize("action", [np.zeros(13), "dither"])
 def test_actions_of_another_shape(kind, env, action):
     env.reset(seed=0, options=kind.options)
-    with refused("action"):
-        env.unwrapped.step(action)
+    refusal(lambda: env.unwrapped.step(action), "action")
 
 
 @of_each(
@@ -144,14 +142,13 @@ def test_actions_of_another_shape(kind, env, action):
     ],
 )
 def test_wrong_arguments(kind: Kind, wrong, words):
-    with pytest.raises(StictionError, match=words):
-        kind.single(**wrong)
+    refusal(lambda: kind.single(**wrong), words)
 
 
 def test_an_unknown_argument_names_the_nearest(kind):
     for make in (kind.make, lambda **given: kind.make_vec(2, **given)):
-        with refused("unexpected keyword argument 'nthread'", "nearest is 'threads'"):
-            make(nthread=1)
+        says = "unexpected keyword argument 'nthread'.*nearest is 'threads'"
+        refusal(lambda make=make: make(nthread=1), says)
     # what TorchRL waits for: it tries an argument, and takes it back
     with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
         kind.make(frameskip=1)
@@ -159,5 +156,4 @@ def test_an_unknown_argument_names_the_nearest(kind):
 
 def test_step_needs_a_running_episode(kind):
     env = kind.make().unwrapped
-    with pytest.raises(StictionError, match="reset"):
-        env.step(quiet(env))
+    refusal(lambda: env.step(quiet(env)), "reset")

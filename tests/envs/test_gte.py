@@ -31,13 +31,6 @@ from tests.envs.helpers import (
 QUIET = {"power_weight": 0.0, "torque_rate_weight": 0.0, "shaking_weight": 0.0}
 
 
-@pytest.fixture(scope="module")
-def panda():
-    env = make_gte()
-    yield env
-    env.close()
-
-
 def rows_of(action: np.ndarray) -> tuple[AmplitudeRow, ...]:
     """Return the table of dither that says what a constant action says."""
     a, f = np.split(np.asarray(action, dtype=float), 2)

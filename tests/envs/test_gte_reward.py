@@ -9,13 +9,6 @@ from tests.envs.helpers import GTE, IIWA_GTE, PANDA_GTE, TRIANGLE, episode, make
 from tests.envs.test_gte import QUIET, shaken
 
 
-@pytest.fixture(scope="module")
-def panda():
-    env = make_gte()
-    yield env
-    env.close()
-
-
 @pytest.mark.slow
 def test_undithered_iterations_sum_to_minus_one():
     """The unit of the reward is the mean over the ten iterations that `stiction gte` runs."""

@@ -6,13 +6,13 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from tests.envs.helpers import PANDA, Kind, same
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from stiction_envs.envs.sb3 import SB3VecEnv, make_sb3
+from tests.refusal import refusal
 
 FIXED = {"control_interval_s": 0.2, "fixed_options": {"joint": 6, "load": "no_load"}}
 
@@ -73,5 +73,4 @@ def test_the_rest_of_the_interface():
 
 
 def test_a_next_step_batch_is_refused():
-    with pytest.raises(StictionError, match="SameStep"):
-        SB3VecEnv(gym.make_vec(PANDA, 2))
+    refusal(lambda: SB3VecEnv(gym.make_vec(PANDA, 2)), "SameStep")

@@ -15,6 +15,7 @@ from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.control.laws import LAWS
 from stiction_envs.dither.dither import Dither
+from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import AmplitudeRow, write_amplitudes
 from stiction_envs.robots import load_arm
@@ -42,19 +43,8 @@ TABLES = {
 
 def dither_of(rows, count: int) -> Dither:
     """Return the dither of an amplitude table on ``count`` simulations of seven joints."""
-    amplitude, frequency, offset = np.zeros((3, 7))
-    gate, waveform = np.full(7, np.inf), np.full(7, "sine", dtype=object)
-    for row in rows:
-        j = row.joint - 1
-        amplitude[j], frequency[j], offset[j] = row.amplitude_nm, row.frequency_hz, row.offset_nm
-        gate[j], waveform[j] = row.gate_velocity, row.waveform
-    return Dither(
-        amplitude=np.tile(amplitude, (count, 1)),
-        frequency=frequency,
-        offset=offset,
-        waveform=waveform,
-        gate_velocity=gate,
-    )
+    arrays = dither_arrays(rows, 7).items()
+    return Dither(**{name: np.tile(values, (count, 1)) for name, values in arrays})
 
 
 @pytest.fixture(scope="module")

@@ -22,6 +22,7 @@ from stiction_envs.experiments.engines.base import MuJoCo
 from stiction_envs.friction.export import plain_mjcf
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import sticking
+from tests.refusal import refusal
 
 SHORT = ConformanceSettings(hold_time=4.0, watched_time=1.0, rise_time=2.0, go_time=4.0)
 
@@ -104,8 +105,7 @@ def test_a_missing_package_names_its_extra(monkeypatch):
     monkeypatch.setattr(base, "find_spec", lambda name: None if "warp" in name else object())
     with pytest.raises(StictionError, match=r"mujoco-warp: pip install 'stiction-envs\[warp\]'"):
         conformance(lugre(), engine="warp")
-    with pytest.raises(StictionError, match="unknown engine 'bullet': expected one of mujoco"):
-        engine_named("bullet")
+    refusal(lambda: engine_named("bullet"), "unknown engine 'bullet': expected one of mujoco")
 
 
 def test_actuators_in_groups_that_are_off_are_silenced():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from stiction_envs.robots import Arm, load_arm
@@ -9,8 +11,14 @@ from tests.robots.arms import TWO
 
 
 @pytest.fixture(scope="session")
-def two(tmp_path_factory) -> Arm:
-    """An arm of two joints that feel gravity."""
+def two_xml(tmp_path_factory) -> Path:
+    """MJCF of an arm of two joints that feel gravity."""
     path = tmp_path_factory.mktemp("arm") / "two.xml"
     path.write_text(TWO)
-    return load_arm(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def two(two_xml) -> Arm:
+    """The arm."""
+    return load_arm(two_xml)

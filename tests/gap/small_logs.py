@@ -48,9 +48,10 @@ def hidden(
     noise: float = 0.01,
     seconds: float = 15.0,
     seed: int = 1,
+    size: float = 0.6,
 ) -> JointLog:
     """A log of ``true`` (by default the arm itself) with ``add(q, dq, ddq)`` on top."""
-    t, q, dq, ddq = motion(arm.n, seconds, seed)
+    t, q, dq, ddq = motion(arm.n, seconds, seed, size)
     q = q + arm.rest
     tau = inverse_dynamics((true or arm).pinocchio(), q, dq, ddq) + add(q, dq, ddq)
     rng = np.random.default_rng(seed + 100)

@@ -14,7 +14,7 @@ from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.validation.check import check_model, refuse_unfit
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
-from tests.gap.small_logs import RATE, dry, found, hidden, motion, only, write_csv
+from tests.gap.small_logs import RATE, dry, found, hidden, only, write_csv
 from tests.refusal import refusal
 from tests.robots.arms import TWO
 
@@ -160,13 +160,8 @@ def test_torques_are_inverted_as_the_diagnosed_ones_were(two):
     turned = replace(log, tau=-log.tau)
     d = found(two, turned)
     assert any(c.kind == "sign" for c in d.logs[0].corrections)
-    t, q, dq, ddq = motion(2, seed=7, size=0.005)
-    q = q + two.rest
-    tau = inverse_dynamics(two.pinocchio(), q, dq, ddq)
-    rng = np.random.default_rng(0)
-    small = JointLog(
-        source="small.csv", t=t, q=q, dq=None, tau=-(tau + 0.01 * rng.normal(size=q.shape))
-    )
+    small = hidden(two, seed=7, size=0.005)
+    small = replace(small, tau=-small.tau)
     check = check_model(d, [small])
     assert "as those of the diagnosed logs" in check.logs[0].corrections[-1].text
     assert (check.nominal_rms < 0.1).all()

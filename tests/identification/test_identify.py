@@ -14,15 +14,11 @@ from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import columns_of, consistent, inertial_parameters
+from tests.identification.test_excitation import panda as panda
 from tests.refusal import refusal
 from tests.robots.arms import write_arms
 
 RATE = 200.0
-
-
-@pytest.fixture(scope="module")
-def panda():
-    return load_arm("panda")
 
 
 @pytest.fixture(scope="module")

@@ -8,19 +8,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.plant import Plant
-from stiction_envs.robots import load_arm
+from tests.plant.test_plant import panda
 
 DT = 1e-3
-
-
-@cache
-def panda() -> StickingModel:
-    return build(load_arm("panda"))
-
-
 MANY, K = 64, 130
 
 

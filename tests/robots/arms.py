@@ -149,3 +149,10 @@ def chain(n: int, kind: str = "hinge", mass: str = "1", extra: str = "") -> str:
 
 TWO = chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>')
 """MJCF of an arm of two joints that feel gravity: quick to simulate."""
+
+RAIL = """<mujoco><compiler angle="radian"/><worldbody><body name="rail">
+<joint name="lift" type="slide" axis="0 0 1" range="0.1 0.5"/><geom size="0.1" mass="3"/>
+<body name="one" pos="0 0 0.2"><joint name="a" axis="0 0 1"/><geom size="0.1" mass="2"/>
+<body name="two" pos="0.3 0 0"><joint name="b" axis="0 1 0" range="-2 2"/>
+<geom size="0.1" mass="1"/></body></body></body></worldbody></mujoco>"""
+"""MJCF of two hinges on a slide."""

@@ -10,7 +10,7 @@ import pytest
 
 from stiction_envs.robots import Arm, load_arm
 from tests.refusal import refusal
-from tests.robots.arms import URDF
+from tests.robots.arms import RAIL, URDF
 
 PARTS = {
     "a": '<joint name="a" axis="0 1 0" range="-2 2"/>',
@@ -144,14 +144,7 @@ def test_constraints_that_hold_no_joint_are_said(tmp_path: Path):
 
 def test_a_slide_between_hinges_is_held_where_it_rests(tmp_path: Path):
     path = tmp_path / "slide.xml"
-    path.write_text(
-        """<mujoco><compiler angle="radian"/><worldbody><body name="rail">
-        <joint name="lift" type="slide" axis="0 0 1" range="0.1 0.5"/><geom size="0.1" mass="3"/>
-        <body name="one" pos="0 0 0.2"><joint name="a" axis="0 0 1"/><geom size="0.1" mass="2"/>
-        <body name="two" pos="0.3 0 0"><joint name="b" axis="0 1 0"/><geom size="0.1" mass="1"/>
-        </body></body></body></worldbody></mujoco>""",
-        "utf-8",
-    )
+    path.write_text(RAIL, "utf-8")
     arm = load_arm(path)
     assert arm.joint_names == ("a", "b")
     assert arm.stated.held == ((0, "lift"),)

@@ -10,12 +10,12 @@ import pytest
 from stiction_envs.control.compensation import Compensation, Compensator, compensate
 from stiction_envs.control.impedance import CartesianImpedance, Impedance, ImpedanceSettings
 from stiction_envs.control.laws import LAWS, base
-from stiction_envs.errors import StictionError
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
+from tests.refusal import refusal
 
 H = 1e-3
 JOINT = 6
@@ -83,8 +83,7 @@ def test_numbers_that_do_not_fit_are_refused():
         ("lugre_observer", {"speed": 0.1}, "lugre_observer needs it"),
         ("push", {"load": -1.0}, "load of joint 1 is -1"),
     ):
-        with pytest.raises(StictionError, match=words):
-            of(kind, gain=1.0, **numbers)
+        refusal(lambda kind=kind, numbers=numbers: of(kind, gain=1.0, **numbers), words)
 
 
 def test_push_grows_with_the_load():

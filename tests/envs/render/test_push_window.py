@@ -11,10 +11,10 @@ import pytest
 
 from stiction_envs.envs.render import push_window, window
 from stiction_envs.envs.render.push_window import SPACE, UP, PushView, PushWindow
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.pushed_joint import PushedJoint
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.measured import AmplitudeRow
+from tests.refusal import refusal
 
 
 @pytest.fixture
@@ -119,13 +119,11 @@ def test_the_window_runs_keys_in_real_time_or_as_fast_as_it_can(view, monkeypatc
 def test_a_display_that_is_not_there_is_one_line(view, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(StictionError, match="view: the display cannot be opened: render_mode="):
-        PushWindow(view)
+    refusal(lambda: PushWindow(view), "view: the display cannot be opened: render_mode=")
 
 
 def test_on_a_mac_one_line_says_mjpython(view, monkeypatch):
     monkeypatch.setattr(window, "has_display", lambda: True)
     monkeypatch.setattr(window, "_opens", lambda: True)
     monkeypatch.setattr(sys, "platform", "darwin")
-    with pytest.raises(StictionError, match="mjpython"):
-        PushWindow(view)
+    refusal(lambda: PushWindow(view), "mjpython")

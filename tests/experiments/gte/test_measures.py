@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.gte import experiment as gte
 from stiction_envs.experiments.gte import measures as gte_measures
 from stiction_envs.experiments.gte import rows as gte_table
 from stiction_envs.experiments.gte.measures import Accumulator
@@ -76,13 +77,7 @@ def test_missed_goals():
 
 def test_path_of_one_goal_has_no_corner():
     run = made_up(constant(*VALUES))
-    one = gte.Run(
-        **{
-            **{k: getattr(run, k) for k in run.__dataclass_fields__},
-            "accepted": run.accepted[:, :1],
-            "reached": run.reached[:, 2:],
-        }
-    )
+    one = replace(run, accepted=run.accepted[:, :1], reached=run.reached[:, 2:])
     m = gte_measures.measure(one)
     assert m.corner.shape == (2, 0, 6)
     row = gte_table.error_rows(one, m, "panda")[0]

@@ -13,6 +13,7 @@ from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.servo.causes import TorqueLimit
 from stiction_envs.gap.tables import causes as table_causes
 from tests.gap.small_logs import hidden, panda
+from tests.refusal import refusal
 
 
 class Other(TorqueOffset):
@@ -45,15 +46,13 @@ def test_a_registered_cause_is_known_until_it_is_removed() -> None:
 )
 def test_an_incomplete_cause_is_not_registered(field: str, value: object, says: str) -> None:
     broken = type("Broken", (Other,), {field: value})
-    with pytest.raises(StictionError, match=says):
-        register(broken())
+    refusal(lambda: register(broken()), says)
     assert registered() == CAUSES
 
 
 def test_a_cause_that_no_data_show_is_not_registered() -> None:
     unseen = type("Unseen", (Cause,), {"name": "unseen"})
-    with pytest.raises(StictionError, match="cause Unseen: expected columns, in_tables or servo"):
-        register(unseen())
+    refusal(lambda: register(unseen()), "cause Unseen: expected columns, in_tables or servo")
 
 
 def test_a_cause_of_logs_and_of_tables_is_one() -> None:
@@ -62,17 +61,14 @@ def test_a_cause_of_logs_and_of_tables_is_one() -> None:
     for name in both:
         assert table_causes.cause_named(name) is cause_named(name)
     for kind, name in ((causes, "low_pass"), (table_causes, "payload")):
-        with pytest.raises(StictionError, match=f"unknown cause '{name}'"):
-            kind.cause_named(name)
+        refusal(lambda kind=kind, name=name: kind.cause_named(name), f"unknown cause '{name}'")
 
 
 @pytest.mark.parametrize("member", [IN_LOGS, IN_TABLES, IN_SERVO])
 def test_each_kind_of_data_has_causes_of_its_own(member: str) -> None:
     of_kind = registered(member)
-    with pytest.raises(StictionError, match="expected a name that is not taken"):
-        register(of_kind[0])
-    with pytest.raises(StictionError, match=r"unknown cause 'friction': expected one of \w+"):
-        unregister("friction")
+    refusal(lambda: register(of_kind[0]), "expected a name that is not taken")
+    refusal(lambda: unregister("friction"), r"unknown cause 'friction': expected one of \w+")
     names = {c.name for c in of_kind}
     own = {IN_LOGS: "viscous_friction", IN_TABLES: "low_pass", IN_SERVO: TorqueLimit.name}
     assert names & {*own.values()} == {own[member]}

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.gap.signals.loads import Loads, loads
-from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
+from tests.gap.signals.test_torque import shown
 from tests.gap.small_logs import hidden
 
 LENGTHS, MASSES, TORQUES = (0.3, 0.4, 0.3, 0.1), (4.0, 3.0, 1.5, 0.7), (87.0, 87.0, 30.0, 12.0)
@@ -33,10 +31,6 @@ def arm_of(folder, size: float, tilt: float = 0.0) -> Arm:
     return load_arm(path, tilt=(tilt, 0.0))
 
 
-def found_in(log: JointLog, arm: Arm) -> Loads:
-    return loads(prepare([log]), 0, arm)
-
-
 @pytest.mark.parametrize("size", [0.02, 1.0, 1000.0])
 def test_defects_of_torques_are_found_on_an_arm_of_any_size(tmp_path, size):
     arm, ceiling = arm_of(tmp_path, size), arm_of(tmp_path, size, np.pi)
@@ -45,14 +39,14 @@ def test_defects_of_torques_are_found_on_an_arm_of_any_size(tmp_path, size):
         return size * FRICTION * np.tanh(dq / 1e-3)
 
     log = hidden(arm, friction, noise=0.02 * size)
-    upright = found_in(log, arm)
+    upright = shown(log, arm)
     assert upright.findings == []
     assert upright.sign.tolist() == [1, 1, 1, 0]  # the last one carries next to nothing
-    inverted = found_in(replace(log, tau=log.tau * [1, -1, 1, 1]), arm)
+    inverted = shown(replace(log, tau=log.tau * [1, -1, 1, 1]), arm)
     assert inverted.sign.tolist() == [1, -1, 1, 0]
-    amperes = found_in(replace(log, tau=log.tau / 12.5), arm)
+    amperes = shown(replace(log, tau=log.tau / 12.5), arm)
     assert amperes.unit == pytest.approx(1 / 12.5, rel=0.03)
-    dead = found_in(replace(log, tau=log.tau * [1, 1, 0, 1]), arm)
+    dead = shown(replace(log, tau=log.tau * [1, 1, 0, 1]), arm)
     assert dead.measured.tolist() == [True, True, False, True]
-    hanging = found_in(hidden(arm, friction, true=ceiling, noise=0.02 * size), arm)
+    hanging = shown(hidden(arm, friction, true=ceiling, noise=0.02 * size), arm)
     assert "mounted on a ceiling" in hanging.findings[0]

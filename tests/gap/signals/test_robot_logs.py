@@ -12,9 +12,8 @@ from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
-from tests.measured.logs.robot_logs import excitation, sweeps
+from tests.measured.logs.robot_logs import excitation, real, sweeps
 
-MEASURED = Path(__file__).parents[4] / "shared" / "measured"
 PANDA = "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
 IIWA = load_arm("iiwa14")
 
@@ -40,13 +39,6 @@ def test_torques_of_an_iiwa_are_turned_and_brought_forward(
     for here, there in zip(log.segments, truth.segments, strict=True):
         seen, true = log.tau[here][200:-200, joint - 1], truth.tau[there][200:, joint - 1]
         assert np.std(seen - true[: len(seen)]) < 0.1 * np.std(true)
-
-
-def real(name: str) -> Path:
-    path = MEASURED / name
-    if not path.exists():
-        pytest.skip(f"measured log {name} is not here")
-    return path
 
 
 @pytest.mark.parametrize(

@@ -14,15 +14,10 @@ from stiction_envs.hidden.rehearsal.servo_logs import ServoLogs
 from stiction_envs.hidden.servo_effects import EFFECTS
 from stiction_envs.hidden.servo_logs import ENCODER, HiddenServoLog, hide
 from stiction_envs.robots import Arm
-from tests.gap.servo.small_arm import two_links
+from tests.hidden.test_servo_logs import arm as arm
 
 pytestmark = pytest.mark.slow
 FEW = ("coulomb_friction", "delay", "payload", "encoder_offset")
-
-
-@pytest.fixture(scope="module")
-def arm(tmp_path_factory) -> Arm:
-    return two_links(tmp_path_factory.mktemp("arm"))
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,25 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from benchmarks.harness import MEASURED
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.examples import log_csv
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import put
 
 Array = NDArray[np.float64]
+
+
+def real(name: str) -> Path:
+    """Return a measured log, which is there on some machines only."""
+    path = MEASURED / name
+    if not path.exists():
+        pytest.skip(f"measured log {name} is not here")
+    return path
 
 
 def low_passed(x: Array, seconds: float, rate: float) -> Array:

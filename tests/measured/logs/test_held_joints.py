@@ -10,13 +10,7 @@ from stiction_envs.hidden.examples import log_csv
 from stiction_envs.measured.logs.joint_names import Naming, find_joints, with_held
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import put, refuses, torque_log
-
-ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="rail">
-<joint name="lift" type="slide" axis="0 0 1"/><geom size="0.1" mass="3"/>
-<body name="one" pos="0 0 0.2"><joint name="a" axis="0 0 1"/><geom size="0.1" mass="2"/>
-<body name="two" pos="0.3 0 0"><joint name="b" axis="0 1 0" range="-2 2"/>
-<geom size="0.1" mass="1"/></body></body></body></worldbody></mujoco>"""
-
+from tests.robots.arms import RAIL
 
 T = np.arange(0, 5, 0.01)
 
@@ -26,7 +20,7 @@ def read(tmp_path: Path, *lift: np.ndarray):
     angles = [*lift, np.sin(T), np.cos(2 * T)]
     tau = 0.1 * np.outer(np.sin(3 * T), 1 + np.arange(len(angles)))
     path = put(tmp_path / "log.csv", log_csv(T, digits=15, q=np.stack(angles, 1), tau=tau))
-    arm = load_arm(put(tmp_path / "own.xml", ARM))
+    arm = load_arm(put(tmp_path / "own.xml", RAIL))
     names = {"robot": arm.joint_names, "held": arm.stated.held}
     return torque_log(path, arm.n, limits=arm.limits, **names)
 

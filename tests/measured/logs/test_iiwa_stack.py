@@ -120,5 +120,3 @@ def test_what_is_no_such_log(tmp_path: Path) -> None:
     silent = {"/iiwa/state/JointTorque": "iiwa_msgs/msg/JointTorque"}
     path = write_bag(tmp_path / "silent", "bag", stream("JointPosition", Q), silent=silent)
     refuses(lambda: torque_log(path), "no messages of state/JointTorque")
-    states = write_bag(tmp_path / "states", "bag", joint_states(VALUES))
-    refuses(lambda: servo_log(states), "no topics with commanded positions")

@@ -11,8 +11,8 @@ from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.log_files import count_joints
 from stiction_envs.measured.logs.reader import drive_of
 from tests.measured.logs.bad_logs import VALUES, assert_holds, refuses, servo_log, torque_log
+from tests.measured.logs.ros_bags import PANDA
 
-PANDA = tuple(f"panda_joint{j}" for j in range(1, 8))
 FIELDS = ("position", "velocity", "effort")
 START = 1_700_000_000.0
 

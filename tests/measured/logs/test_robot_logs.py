@@ -12,18 +12,10 @@ import pytest
 
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
-from tests.measured.logs.robot_logs import excitation, sweeps
+from tests.measured.logs.robot_logs import excitation, real, sweeps
 from tests.measured.logs.test_corrections import corrected
 
-MEASURED = Path(__file__).parents[4] / "shared" / "measured"
 PANDA, IIWA = (load_arm(name).limits for name in ("panda", "iiwa14"))
-
-
-def real(name: str) -> Path:
-    path = MEASURED / name
-    if not path.exists():
-        pytest.skip(f"measured log {name} is not here")
-    return path
 
 
 def number(text: str, before: str, after: str) -> float:

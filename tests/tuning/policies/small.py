@@ -41,23 +41,20 @@ def small_settings(**changes: Any) -> PolicySettings:
 
 def made_up(
     *,
-    robot: str = "panda",
-    environment: str = "GTE-v0",
     names: tuple[str, ...] = ("a", "b", "c"),
     low: Any = (0.0, 5.0),
     high: Any = (2.0, 100.0),
     interval: float = 0.1,
     hidden: int = 4,
     output: str = "tanh",
-    seed: int = 0,
 ) -> Policy:
-    """Return a policy with one hidden layer and weights drawn from a seed."""
-    rng = np.random.default_rng(seed)
+    """Return a policy with one hidden layer and random weights."""
+    rng = np.random.default_rng(0)
     n = len(names)
     return Policy(
         card=Card(
-            robot=robot,
-            environment=environment,
+            robot="panda",
+            environment="GTE-v0",
             observation_names=names,
             interval=interval,
             activation="tanh",
