@@ -205,7 +205,8 @@ def quick() -> dict[str, Any]:
     from stiction_envs.experiments.sje.protocol import Configuration, Job
     from stiction_envs.gap.diagnosis import diagnose_logs
     from stiction_envs.hidden.hidden_logs import make_case
-    from stiction_envs.measured import AmplitudeRow, thesis_base
+    from stiction_envs.measured.tables import AmplitudeRow
+    from stiction_envs.measured.thesis_tables import thesis_base
 
     dither = {7: (15.0, 0.6), 4: (30.0, 1.2)}
     sje = SingleJointExperiment("panda", threads=1)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.measured import read_amplitudes, read_sje, thesis_dithered, thesis_table
+from stiction_envs.measured.tables import read_amplitudes, read_sje
+from stiction_envs.measured.thesis_tables import thesis_dithered, thesis_table
 
 folder = Path(sys.argv[1])
 verified = read_sje(folder / "verification.csv")

@@ -13,7 +13,7 @@ import pytest
 import stiction_envs as st
 from stiction_envs.cli import main
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.measured import SJERow, read_amplitudes, read_base, read_sje, write_sje
+from stiction_envs.measured.tables import SJERow, read_amplitudes, read_base, read_sje, write_sje
 from stiction_envs.reporting.result import Result
 from tests.gap.small_logs import hidden, sticky, write_csv
 from tests.robots.arms import TWO

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from stiction_envs.measured import read_amplitudes, read_sje
+from stiction_envs.measured.tables import read_amplitudes, read_sje
 from tests.command_line import ROOT, python
 from tests.gap.small_logs import hidden, panda, sticky, write_csv
 

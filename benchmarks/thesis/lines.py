@@ -28,7 +28,7 @@ from benchmarks.thesis.lsm import (
 from benchmarks.thesis.torques import base_jobs
 from stiction_envs.experiments.sje.plots import plain_axes
 from stiction_envs.experiments.sje.protocol import Configuration, Job
-from stiction_envs.measured import thesis_table
+from stiction_envs.measured.thesis_tables import thesis_table
 from stiction_envs.reporting.markdown import number, short, signed, table_text
 from stiction_envs.robots import arm_title, load_arm
 from stiction_envs.robots.regressor import PARAMETERS, inertial_parameters

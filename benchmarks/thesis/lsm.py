@@ -22,8 +22,8 @@ from benchmarks.thesis.rosdyn import Unconstrained, rosdyn
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.measured import thesis_base, thesis_robots
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.thesis_tables import thesis_base, thesis_robots
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm, load_arm
 

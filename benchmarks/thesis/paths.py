@@ -21,7 +21,7 @@ from stiction_envs.experiments.gte import plots
 from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Run
 from stiction_envs.experiments.gte.rows import thesis_stiffness, unit
-from stiction_envs.measured import thesis_table
+from stiction_envs.measured.thesis_tables import thesis_table
 from stiction_envs.reporting.markdown import listed, number, percent, signed
 
 Array = NDArray[np.float64]

@@ -17,7 +17,7 @@ from benchmarks.thesis.items import Found, Needs, Picture
 from benchmarks.thesis.torques import base_jobs, cells_of, job_of
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import LOADS, Job, Measurement, load_protocol
-from stiction_envs.measured import DitheredRow, thesis_base
+from stiction_envs.measured.thesis_tables import DitheredRow, thesis_base
 from stiction_envs.reporting.markdown import number, percent
 from tuning.protocol.stages import change
 

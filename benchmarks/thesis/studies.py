@@ -16,7 +16,7 @@ from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Measurement
-from stiction_envs.measured import thesis_robots
+from stiction_envs.measured.thesis_tables import thesis_robots
 
 TRACE_POINTS = 150
 """Most points kept of a trace (assumed)."""

@@ -18,15 +18,14 @@ from stiction_envs.experiments.sje.protocol import (
     Measurement,
     configurations,
 )
-from stiction_envs.measured import (
-    AmplitudeRow,
+from stiction_envs.measured.tables import AmplitudeRow, our_name
+from stiction_envs.measured.thesis_tables import (
     DitheredRow,
     thesis_base,
     thesis_dithered,
     thesis_robots,
     thesis_table,
 )
-from stiction_envs.measured.tables import our_name
 from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.robots import load_arm
 from tuning.protocol.stages import Choice, change, final_amplitude

@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     from stiction_envs.experiments.sje.calibrate import ROUNDS, calibrate
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.friction.sticking import friction_origin
-    from stiction_envs.measured import read_base
+    from stiction_envs.measured.tables import read_base
     from stiction_envs.reporting.output_folder import check_file, default_folder
 
     # a file of one's own arm may call it differently

@@ -10,7 +10,7 @@ from stiction_envs.cli import common
 
 if TYPE_CHECKING:
     from stiction_envs.friction.model import StickingModel
-    from stiction_envs.measured import AmplitudeRow
+    from stiction_envs.measured.tables import AmplitudeRow
 
 MOST = 0.5
 """Largest amplitude of an arm without a table, over its torque limit [-]; assumed."""
@@ -68,7 +68,7 @@ def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
     """Return the arm's table that is shipped, else dither in proportion to the stiction at rest."""
     from stiction_envs.dither.tables import shipped_table
     from stiction_envs.envs.agents import proportional_table
-    from stiction_envs.measured import read_amplitudes
+    from stiction_envs.measured.tables import read_amplitudes
 
     arm = sticking.arm
     if (shipped := shipped_table(arm.registered_name)) is not None:

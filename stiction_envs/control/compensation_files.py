@@ -22,10 +22,9 @@ import numpy as np
 from stiction_envs.control.compensation import Compensation, law_named
 from stiction_envs.control.laws import LAWS
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import AmplitudeRow
 from stiction_envs.measured.csv_text import Line, read_lines, write_lines
 from stiction_envs.measured.ros_parameters import ParameterGroup, is_parameters, read_parameters
-from stiction_envs.measured.tables import write_final
+from stiction_envs.measured.tables import AmplitudeRow, write_final
 
 COLUMNS = ("joint", "gain_nm")  # Columns that every table of gains has
 KIND, GROUP = "kind", "compensation"

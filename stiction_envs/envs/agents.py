@@ -26,7 +26,8 @@ from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.experiments.gte.rows import thesis_final_dither
-from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+from stiction_envs.measured.tables import AmplitudeRow, read_amplitudes
+from stiction_envs.measured.thesis_tables import thesis_robots
 from stiction_envs.method_settings import Positive, checked
 
 Table = str | Path | Sequence[AmplitudeRow]

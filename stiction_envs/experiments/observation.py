@@ -14,7 +14,7 @@ from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import LOADS
+from stiction_envs.measured.tables import LOADS
 
 Checked = dict[str, Any]  # Valid options of a reset by name, each of its own type
 STICTION_FACTOR = 2.5

@@ -34,7 +34,7 @@ from stiction_envs.experiments.holding_servos import Approach, Servos
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import model_sha256
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, Plant
 
 

@@ -12,7 +12,7 @@ from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.experiments.gte import protocol as gte_protocol
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import AXES
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.robots import load_arm
 from tests.command_line import csv_rows
 

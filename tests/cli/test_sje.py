@@ -4,7 +4,7 @@ import json
 import math
 
 from stiction_envs.experiments.sje import experiment, protocol
-from stiction_envs.measured import read_sje
+from stiction_envs.measured.tables import read_sje
 from tests.servo_arm import servo_arm
 
 QUICK = ["--joint", 7, "--iterations", 1]

@@ -16,7 +16,7 @@ from stiction_envs.control.compensation_files import (
 from stiction_envs.control.laws import LAWS
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.measured import AmplitudeRow, read_amplitudes
+from stiction_envs.measured.tables import AmplitudeRow, read_amplitudes
 from stiction_envs.robots import load_arm
 from tests.refusal import refusal
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.agents import AGENTS, GatedTable
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from tests.refusal import refusal
 
 ROWS = (AmplitudeRow(1, 50.0, 0.5), AmplitudeRow(6, 20.0, 0.3, gate_rad_s=0.1))

@@ -14,7 +14,7 @@ from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case, pose_error
 from stiction_envs.experiments.gte.random_paths import random_paths
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.robots import load_arm
 from tests.envs.helpers import (
     GTE,

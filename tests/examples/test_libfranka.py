@@ -17,7 +17,7 @@ from stiction_envs.control.laws import LAWS
 from stiction_envs.dither.dither import Dither
 from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.measured.tables import AmplitudeRow, write_amplitudes
 from stiction_envs.robots import load_arm
 
 HERE = Path(__file__).parent

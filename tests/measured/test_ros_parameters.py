@@ -9,7 +9,7 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stiction_envs.measured import AmplitudeRow, read_amplitudes, write_final
+from stiction_envs.measured.tables import AmplitudeRow, read_amplitudes, write_final
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import put
 from tests.refusal import refusal

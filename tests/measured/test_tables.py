@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 import stiction_envs.measured as measured
-from stiction_envs.measured import (
+from stiction_envs.measured.tables import (
     AmplitudeRow,
     BaseTable,
     SJERow,
     read_amplitudes,
     read_base,
     read_sje,
-    thesis_base,
     write_amplitudes,
     write_sje,
 )
+from stiction_envs.measured.thesis_tables import thesis_base
 from tests.measured.logs.bad_logs import put, refuses
 from tests.refusal import refusal
 

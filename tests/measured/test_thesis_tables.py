@@ -2,7 +2,12 @@ from __future__ import annotations
 
 import pytest
 
-from stiction_envs.measured import THESIS_TABLES, thesis_base, thesis_dithered, thesis_table
+from stiction_envs.measured.thesis_tables import (
+    THESIS_TABLES,
+    thesis_base,
+    thesis_dithered,
+    thesis_table,
+)
 from tests.refusal import refusal
 
 

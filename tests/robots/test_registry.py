@@ -11,7 +11,7 @@ import pytest
 from stiction_envs.cli import main
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
-from stiction_envs.measured import read_sje
+from stiction_envs.measured.tables import read_sje
 from stiction_envs.robots import ARMS, BUILTIN, arm_title, load_arm, register_arm_folder
 from tests.refusal import refusal
 from tests.robots.arms import chain

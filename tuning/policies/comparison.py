@@ -14,7 +14,7 @@ from stiction_envs.envs.agents import AGENTS, GatedTable
 from stiction_envs.envs.evaluation import PolicyLike, evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import read_amplitudes
+from stiction_envs.measured.tables import read_amplitudes
 from stiction_envs.reporting.markdown import aligned, number
 from tuning.names import EPISODES, GATED, POLICIES
 from tuning.policies.policy import Policy

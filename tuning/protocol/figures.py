@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement, configurations
-from stiction_envs.measured import DitheredRow
+from stiction_envs.measured.thesis_tables import DitheredRow
 from stiction_envs.reporting.png import save_full
 from tuning.protocol.stages import ThesisTuner, change
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
 from stiction_envs.friction.from_file import simulated_note
-from stiction_envs.measured import BaseTable, thesis_dithered, thesis_robots
+from stiction_envs.measured.tables import BaseTable
+from stiction_envs.measured.thesis_tables import thesis_dithered, thesis_robots
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol import figures

@@ -32,8 +32,8 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
 )
 from stiction_envs.experiments.sje.results import sje_rows
-from stiction_envs.measured import AmplitudeRow, write_final, write_sje
 from stiction_envs.measured.csv_text import table_text
+from stiction_envs.measured.tables import AmplitudeRow, write_final, write_sje
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots.arm_toml import lookup
 from stiction_envs.robots.registry import ARMS

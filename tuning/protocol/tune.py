@@ -18,7 +18,7 @@ from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.friction.sticking import Friction, Robot, friction_origin
-from stiction_envs.measured import AmplitudeRow, BaseTable, read_base
+from stiction_envs.measured.tables import AmplitudeRow, BaseTable, read_base
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import aligned

@@ -13,7 +13,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.robot.posterior import Candidates
 from tuning.search.bounds import TRIED, Bounds

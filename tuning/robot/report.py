@@ -11,9 +11,8 @@ import numpy as np
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.from_file import simulated_note
-from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
-from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
+from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS, AmplitudeRow, write_final
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import number, table_text

@@ -16,7 +16,7 @@ from stiction_envs.errors import checked_array
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.sticking import Friction, Robot
-from stiction_envs.measured import read_amplitudes
+from stiction_envs.measured.tables import read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import sha256

@@ -20,7 +20,8 @@ from stiction_envs.dither.tables import shipped_table
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+from stiction_envs.measured.tables import AmplitudeRow, read_amplitudes
+from stiction_envs.measured.thesis_tables import thesis_robots
 from stiction_envs.robots.arm_toml import read_toml
 from tuning.protocol.stages import frequencies_of
 from tuning.settings import BoundsSettings, TuningSettings, tuning_settings

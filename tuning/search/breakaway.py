@@ -21,7 +21,7 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Job, Measurement, configurations
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from tuning.search.bounds import Bounds
 from tuning.study.record import LIMITS, Parameters, TrialOutcome
 

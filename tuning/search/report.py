@@ -13,8 +13,8 @@ import numpy as np
 from stiction_envs.control.compensation_files import compensation_rows
 from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.friction.from_file import simulated_note
-from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.tables import SJERow, write_sje
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html

@@ -22,7 +22,7 @@ from stiction_envs.experiments.gte.protocol import load_gte_protocol
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.sticking import Friction, Robot
-from stiction_envs.measured import read_amplitudes
+from stiction_envs.measured.tables import read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from tuning.protocol.tune import Tuning
 from tuning.search.bounds import bounds_of, reference_tables

@@ -19,7 +19,7 @@ from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
 from tuning.search.bounds import Bounds, Table

@@ -24,7 +24,7 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from tuning.search.bounds import Bounds, Table
 from tuning.settings import BoundsSettings, tuning_settings
 from tuning.study.record import LIMITS, Parameters, TrialOutcome

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.protocol import Configuration
-from stiction_envs.measured import DitheredRow, thesis_dithered
+from stiction_envs.measured.thesis_tables import DitheredRow, thesis_dithered
 
 FITTED = ("4.6",)
 """Table whose dithered cells a model may use, besides the base torques of Table 4.3."""

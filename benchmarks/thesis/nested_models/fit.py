@@ -21,7 +21,7 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.tables.data import WholeArm
 from stiction_envs.gap.tables.predictor import LoneJointTorques
-from stiction_envs.measured import thesis_base, thesis_robots
+from stiction_envs.measured.thesis_tables import thesis_base, thesis_robots
 from stiction_envs.robots import load_arm
 
 Array = NDArray[np.float64]

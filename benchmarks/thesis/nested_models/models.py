@@ -35,7 +35,7 @@ from benchmarks.thesis.nested_models.fit import (
     with_parameters,
 )
 from stiction_envs.gap.tables.data import WholeArm
-from stiction_envs.measured import thesis_base
+from stiction_envs.measured.thesis_tables import thesis_base
 from stiction_envs.robots import load_arm
 
 Array = NDArray[np.float64]

@@ -14,7 +14,7 @@ from stiction_envs.arrays import Array, Bools
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.trajectory import Path, pentagon, read_path, triangle
 from stiction_envs.errors import StictionError, checked_array, unknown
-from stiction_envs.measured import AmplitudeRow, read_amplitudes
+from stiction_envs.measured.tables import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import (
     Amount,
     Count,

@@ -11,8 +11,9 @@ import numpy as np
 
 from stiction_envs.experiments.gte.measures import Measures, error_against_time
 from stiction_envs.experiments.gte.protocol import AXES, FLAGS, Case, Run
-from stiction_envs.measured import AmplitudeRow, thesis_table
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.tables import AmplitudeRow
+from stiction_envs.measured.thesis_tables import thesis_table
 
 _AXES = tuple(f"{axis}_{unit}" for axis, unit in zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))
 POINT_COLUMNS = ("case", "goal", "accepted_s", "reached_s", *_AXES)

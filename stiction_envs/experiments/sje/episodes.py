@@ -36,7 +36,7 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP, STICKING, SJERig
 from stiction_envs.experiments.sje.undithered import base_torques
 from stiction_envs.friction.sticking import Friction
-from stiction_envs.measured import DIRECTIONS, LOADS
+from stiction_envs.measured.tables import DIRECTIONS, LOADS
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 

@@ -39,7 +39,7 @@ from stiction_envs.experiments.sje.servo_rig import ServoRig
 from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.sticking import Friction, Robot, sticking_model
-from stiction_envs.measured import AmplitudeRow, read_amplitudes
+from stiction_envs.measured.tables import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
 

@@ -27,7 +27,7 @@ from stiction_envs.experiments.sje.protocol import (
     Protocol,
 )
 from stiction_envs.experiments.sje.rig import BLOCK
-from stiction_envs.measured import SJERow
+from stiction_envs.measured.tables import SJERow
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots.registry import arm_title

@@ -13,7 +13,7 @@ from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.holding_servos import Approach
 from stiction_envs.experiments.rig import joint_number
-from stiction_envs.measured import DIRECTIONS, LOADS, AmplitudeRow
+from stiction_envs.measured.tables import DIRECTIONS, LOADS, AmplitudeRow
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.arm_toml import read_toml
 from stiction_envs.robots.registry import ARMS

@@ -20,7 +20,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.experiments.rig import Experiment, Rig, dither_arrays, joint_number
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import StickingModel
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
 _ARM = np.array([0])

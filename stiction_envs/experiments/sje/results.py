@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.protocol import POSES, SIGNS, Measurement, Protocol
-from stiction_envs.measured import BaseTable, SJERow, write_sje
+from stiction_envs.measured.tables import BaseTable, SJERow, write_sje
 from stiction_envs.reporting.markdown import aligned, number, percent, signed, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result

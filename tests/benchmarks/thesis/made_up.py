@@ -9,7 +9,7 @@ import numpy as np
 
 from stiction_envs.experiments.gte.protocol import Run
 from stiction_envs.experiments.sje.protocol import Job, Measurement
-from stiction_envs.measured import thesis_base, thesis_table
+from stiction_envs.measured.thesis_tables import thesis_base, thesis_table
 from tests.experiments.gte.made_up import made_up as made_up_run
 
 

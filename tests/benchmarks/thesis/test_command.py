@@ -15,8 +15,7 @@ from benchmarks.thesis.lsm import FrictionCurve
 from benchmarks.thesis.nested_models import figures, models
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.measured import thesis_table
-from stiction_envs.measured.thesis_tables import THESIS_TABLES
+from stiction_envs.measured.thesis_tables import THESIS_TABLES, thesis_table
 from tests.benchmarks.thesis import made_up
 from tests.command_line import ROOT, Ran, csv_rows
 

@@ -8,7 +8,7 @@ from benchmarks.thesis import lsm
 from benchmarks.thesis.lsm import lines_of
 from benchmarks.thesis.rosdyn import rosdyn
 from stiction_envs.identification.identify import identify
-from stiction_envs.measured import thesis_table
+from stiction_envs.measured.thesis_tables import thesis_table
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import consistent, inertial_parameters

@@ -25,7 +25,7 @@ from benchmarks.thesis.torques import (
 )
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
-from stiction_envs.measured import thesis_base, thesis_dithered, thesis_table
+from stiction_envs.measured.thesis_tables import thesis_base, thesis_dithered, thesis_table
 from tests.benchmarks.thesis.made_up import measurement, run_paths
 from tests.command_line import csv_rows
 

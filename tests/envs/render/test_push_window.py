@@ -13,7 +13,7 @@ from stiction_envs.envs.render import push_window, window
 from stiction_envs.envs.render.push_window import SPACE, UP, PushView, PushWindow
 from stiction_envs.experiments.sje.pushed_joint import PushedJoint
 from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from tests.refusal import refusal
 
 

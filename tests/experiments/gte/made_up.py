@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 
 RATE = 100.0
 """Samples per second [Hz]."""

@@ -12,7 +12,7 @@ from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run, load_gte_pr
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 SOFT, STIFF = (200.0, 20.0, 0.0), (400.0, 40.0, 0.0)

@@ -13,7 +13,7 @@ from stiction_envs.control.impedance import renew_space
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case, load_gte_protocol
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
 from tests.control.movements import Segment
 from tests.experiments.gte.short_paths import (

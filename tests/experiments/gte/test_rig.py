@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rig import blank_sampling
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.robots import load_arm
 from tests.experiments.gte.short_paths import STIFF, bench, following, one
 

@@ -11,7 +11,8 @@ from stiction_envs.experiments.sje.calibrate import calibrate, with_levels
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import build
-from stiction_envs.measured import BaseTable, thesis_base
+from stiction_envs.measured.tables import BaseTable
+from stiction_envs.measured.thesis_tables import thesis_base
 from stiction_envs.robots import load_arm
 from tests.refusal import refusal
 

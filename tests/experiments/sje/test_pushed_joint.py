@@ -8,7 +8,7 @@ import pytest
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.pushed_joint import PushedJoint
 from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 
 
 @pytest.fixture(scope="module")

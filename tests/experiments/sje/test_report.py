@@ -6,7 +6,7 @@ import pytest
 
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.experiments.sje.results import write_report
-from stiction_envs.measured import SJERow
+from stiction_envs.measured.tables import SJERow
 
 
 def row(joint, tau, *, amplitude=0.0, reduction=0.0):

@@ -13,7 +13,7 @@ from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, Configurat
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.measured import read_base
+from stiction_envs.measured.tables import read_base
 from tests.refusal import refusal
 from tests.servo_arm import STICTION, servo_arm
 

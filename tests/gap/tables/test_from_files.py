@@ -14,7 +14,7 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.extended_model import load_model
 from stiction_envs.gap.tables.data import read_tables
-from stiction_envs.measured import SJERow, write_sje
+from stiction_envs.measured.tables import SJERow, write_sje
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import SETTINGS
 from tests.refusal import refusal

@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 
 from stiction_envs.hidden.examples import log_csv
-from stiction_envs.measured import AmplitudeRow, SJERow, write_amplitudes, write_sje
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.csv_text import write_lines
-from stiction_envs.measured.tables import BASE_COLUMNS, SJE_COLUMNS
+from stiction_envs.measured.tables import (
+    BASE_COLUMNS,
+    SJE_COLUMNS,
+    AmplitudeRow,
+    SJERow,
+    write_amplitudes,
+    write_sje,
+)
 
 POSES = [(load, direction) for load in ("load", "no_load") for direction in "+-"]
 

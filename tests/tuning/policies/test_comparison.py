@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.measured import read_amplitudes
+from stiction_envs.measured.tables import read_amplitudes
 from tests.command_line import ROOT, csv_rows
 from tests.tuning.policies.small import SPRINT, made_up
 from tuning.policies.comparison import evaluate_all, read_agent

@@ -5,7 +5,8 @@ import optuna
 import pytest
 
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
+from stiction_envs.measured.tables import read_amplitudes, read_sje
+from stiction_envs.measured.thesis_tables import thesis_base, thesis_table
 from tests.refusal import refusal
 from tests.servo_arm import servo_arm
 from tests.tuning.conftest import small

@@ -7,7 +7,7 @@ import shutil
 
 import pytest
 
-from stiction_envs.measured import read_amplitudes
+from stiction_envs.measured.tables import read_amplitudes
 from tests.command_line import csv_rows
 from tests.refusal import refusal
 from tests.tuning.conftest import small

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.measured import AmplitudeRow
+from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.method_settings import override
 from tests.refusal import refusal
 from tuning.search.bounds import bounds_of, reference_tables

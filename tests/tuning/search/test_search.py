@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from stiction_envs.control.compensation_files import read_compensation
-from stiction_envs.measured import read_amplitudes, read_sje
+from stiction_envs.measured.tables import read_amplitudes, read_sje
 from tests.command_line import csv_rows
 from tests.refusal import refusal
 from tuning.names import TREATMENTS
