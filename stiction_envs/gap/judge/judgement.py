@@ -90,6 +90,40 @@ class NotShown:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class ModelCheck:
+    """Both models on logs that took no part."""
+
+    nominal_rms: Array
+    """(n,) error, root mean square [N·m], or of servo logs [rad]."""
+    extended_rms: Array
+    """(n,) likewise."""
+    worse_joints: tuple[int, ...]
+    """From 1."""
+    unit: str = "nm"
+    """Of errors, in the keys of ``diagnosis.json``."""
+
+    @property
+    def verdict(self) -> str:
+        """``holds`` or ``does not hold``."""
+        return "does not hold" if self.worse_joints else "holds"
+
+    @property
+    def not_transferring(self) -> tuple[str, ...]:
+        """Names of causes whose presence makes a joint worse."""
+        return ()
+
+    def to_json(self) -> dict[str, object]:
+        """Return ``check`` of ``diagnosis.json``."""
+        return {
+            f"nominal_rms_{self.unit}": self.nominal_rms.tolist(),
+            f"extended_rms_{self.unit}": self.extended_rms.tolist(),
+            "verdict": self.verdict,
+            "worse_joints": list(self.worse_joints),
+            "not_transferring": list(self.not_transferring),
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Judgement(ABC):
     """What a diagnosis of any kind of data says of the simulation."""
 

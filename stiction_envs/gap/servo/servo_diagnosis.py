@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.gap.judge.judgement import Judgement
+from stiction_envs.gap.judge.judgement import Judgement, ModelCheck
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
@@ -66,7 +66,7 @@ class ServoDiagnosis(Judgement):
     touched: tuple[Bools, ...]
     """Per log, (T,) rows that were left out: the arm touches something."""
     notes: tuple[str, ...]
-    check: whole_arm.ServoCheck | None = None
+    check: ModelCheck | None = None
 
     @property
     def gain_percent(self) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.steady import steady
+from stiction_envs.gap.judge.judgement import ModelCheck
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import segments
@@ -35,32 +36,6 @@ FOLD_SECONDS = 10.0
 """Length of the blocks of time that are held out in turn [s]; assumed."""
 WORSE = 1.1
 """Least error of the extended model over the nominal one that is worse [-]; assumed."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ServoCheck:
-    """The model on logs that took no part."""
-
-    nominal_rms: Array
-    """(n,) [rad]."""
-    extended_rms: Array
-    """(n,) [rad]."""
-    worse_joints: tuple[int, ...]
-
-    @property
-    def verdict(self) -> str:
-        """``holds`` or ``does not hold``."""
-        return "does not hold" if self.worse_joints else "holds"
-
-    def to_json(self) -> dict[str, object]:
-        """Return the entry ``check``."""
-        return {
-            "nominal_rms_rad": self.nominal_rms.tolist(),
-            "extended_rms_rad": self.extended_rms.tolist(),
-            "verdict": self.verdict,
-            "worse_joints": list(self.worse_joints),
-            "not_transferring": [],
-        }
 
 
 def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
@@ -233,7 +208,7 @@ def errors_of(
 
 def check_model(
     logs: Sequence[ServoLog], plain: Array, model: Array, fitted_rms: Array
-) -> ServoCheck:
+) -> ModelCheck:
     """Return the errors of both models on logs that took no part.
 
     ``plain`` and ``model`` are (R, n) angles of the nominal simulation and of the extended model
@@ -241,6 +216,5 @@ def check_model(
     """
     before, after = errors_of(logs, plain), errors_of(logs, model)
     worse = np.flatnonzero((after > WORSE * before) & (after > fitted_rms))
-    return ServoCheck(
-        nominal_rms=before, extended_rms=after, worse_joints=tuple(int(j) + 1 for j in worse)
-    )
+    joints = tuple(int(j) + 1 for j in worse)
+    return ModelCheck(nominal_rms=before, extended_rms=after, worse_joints=joints, unit="rad")

@@ -29,6 +29,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
+from stiction_envs.gap.judge.judgement import ModelCheck
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
@@ -65,41 +66,25 @@ class Transfer:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Check:
-    """Both models on logs that took no part; errors are root mean squares (n,) [N·m]."""
+class Check(ModelCheck):
+    """Both models on joint logs that took no part."""
 
     logs: tuple[JointLog, ...]
     data: Data
     """The logs against the nominal model."""
-    nominal_rms: Array
-    extended_rms: Array
-    worse_joints: tuple[int, ...]
-    """From 1."""
     transfers: tuple[Transfer, ...]
     """One per cause of the model, in its order."""
     notes: tuple[str, ...]
     """How the signals of the logs were computed."""
 
     @property
-    def verdict(self) -> str:
-        """``holds`` or ``does not hold``."""
-        return "does not hold" if self.worse_joints else "holds"
-
-    @property
     def not_transferring(self) -> tuple[str, ...]:
-        """Names of causes whose presence makes a joint worse."""
+        """See `ModelCheck.not_transferring`."""
         return tuple(x.name for x in self.transfers if x.fails)
 
     def to_json(self) -> dict[str, object]:
         """Return ``check`` of ``diagnosis.json``."""
-        return {
-            "nominal_rms_nm": self.nominal_rms.tolist(),
-            "extended_rms_nm": self.extended_rms.tolist(),
-            "verdict": self.verdict,
-            "worse_joints": list(self.worse_joints),
-            "not_transferring": list(self.not_transferring),
-            "cutoff_hz": self.data.recording.cutoff,
-        }
+        return {**super().to_json(), "cutoff_hz": self.data.recording.cutoff}
 
     def __str__(self) -> str:
         many = "the log that took no part" if len(self.logs) == 1 else "logs that took no part"
