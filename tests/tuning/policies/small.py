@@ -41,6 +41,7 @@ def small_settings(**changes: Any) -> PolicySettings:
 
 def made_up(
     *,
+    robot: str = "panda",
     names: tuple[str, ...] = ("a", "b", "c"),
     low: Any = (0.0, 5.0),
     high: Any = (2.0, 100.0),
@@ -53,7 +54,7 @@ def made_up(
     n = len(names)
     return Policy(
         card=Card(
-            robot="panda",
+            robot=robot,
             environment="GTE-v0",
             observation_names=names,
             interval=interval,
