@@ -134,7 +134,7 @@ MINE = Header(
 
 @pytest.fixture
 def known(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """It comes from the entry points of another package; afterwards it is forgotten."""
+    """The cause comes from the entry points of another package; afterwards it is forgotten."""
     points = [SimpleNamespace(load=lambda: MINE)]
     before = [*registry.HEADERS]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)

@@ -100,7 +100,7 @@ class ModelCheck:
     worse_joints: tuple[int, ...]
     """From 1."""
     unit: str = "nm"
-    """Of errors, in the keys of ``diagnosis.json``."""
+    """Unit of errors in the keys of ``diagnosis.json``."""
 
     @property
     def verdict(self) -> str:

@@ -20,6 +20,8 @@ from stiction_envs.robots import Arm
 
 CUTOFF_HZ = 5.0
 """Least bandwidth of the accelerations that couple the joints [Hz]; assumed."""
+WIDER = 1.25
+"""Each bandwidth that is tried over the one before [-]; assumed."""
 TILT = 1e-3
 """Angle over which the slope of gravity is taken [rad]; assumed."""
 OUTSIDE = 1.0
@@ -92,7 +94,7 @@ def smooth(t: Array, q: Array) -> Array:
     rate, cutoff = 1.0 / float(np.median(step)), CUTOFF_HZ
     out = lowpass(q, rate, cutoff)
     while np.mean((q - out) ** 2) > noise**2:
-        cutoff *= 1.25
+        cutoff *= WIDER
         out = lowpass(q, rate, cutoff)
     return out
 

@@ -36,6 +36,7 @@ from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
 from stiction_envs.hidden.rehearsal.jobs import (
     FOUND,
     MISSED,
+    NO_JOB,
     NOTHING,
     CauseJob,
     Hideable,
@@ -118,7 +119,7 @@ def _begin(causes: Sequence[Cause]) -> None:
 
 def jobs_of(subject: Subject, causes: Sequence[Hideable]) -> list[CauseJob]:
     """Return the jobs of causes, in their order, and that in which nothing is hidden."""
-    jobs = [CauseJob(Hideable(NOTHING, "", "", ""), ())]
+    jobs = [NO_JOB]
     for what in causes:
         whys = [subject.why_not(what, j) for j in range(len(subject.noise))]
         seen = tuple(j for j, why in enumerate(whys) if not why)

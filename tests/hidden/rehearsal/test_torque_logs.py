@@ -140,7 +140,7 @@ def test_a_link_behind_a_gear_rests_on_it(logs):
     [("presliding_hysteresis", (0, 1)), ("payload", (0, 1)), ("joint_elasticity", (1,))],
 )
 def test_sizes_are_those_of_torques(logs, cause, joints):
-    """Those of the noise, or of much more; or the largest size there is."""
+    """Sizes of the noise, or of much more; or the largest size there is."""
     job = job_of(cause, *joints)
     for target in (logs.noise, 0.2 * logs.whole):
         size = logs.size(job, target)
