@@ -144,6 +144,11 @@ def row_of(job: Job) -> Row:
         case = job.case()
     except StictionError as error:
         return {"seed": job.seed, "hidden": list(job.causes), "broken": str(error)}
+    return judged(job, case)
+
+
+def judged(job: Job, case: HiddenLogs) -> Row:
+    """Diagnose a case."""
     start = time.perf_counter()
     found = diagnose_logs(case.logs, case.robot, nominal=case.nominal)
     row: Row = {

@@ -20,19 +20,21 @@ from typing import Any
 import numpy as np
 
 from benchmarks.accuracy import peers_figaroh, peers_sysid
-from benchmarks.accuracy.real_logs import PANDA, iiwa_logs
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row, machine
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import MOST_ROWS, Signals, prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques
-from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.reporting.markdown import joints, table_text
 from stiction_envs.robots import Arm, load_arm
 
 MADE_BY = (*LOGS, "benchmarks/accuracy/peers*.py")
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
+PANDA = "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
+SWEEPS = [f"iiwa14_joint_friction/joint{j}.csv.gz" for j in (1, 2, 3, 5, 6, 7)]
+POSES = "iiwa14_joint_friction/static_poses.csv.gz"
 ROWS, OVERSAMPLED = 6000, 6.0
 """Samples that the peers are given at least, and their rate over the filter's cutoff: they need no
 more, and take as long as there are; assumed."""
@@ -89,7 +91,9 @@ def panda() -> Parts:
 
 def iiwa14() -> Parts:
     """Sweeps of one joint at a time; every third speed is held out, poses are the check."""
-    arm, (sweeps, poses) = load_arm("iiwa14"), iiwa_logs()
+    arm = load_arm("iiwa14")
+    sweeps = read_logs([MEASURED / x for x in SWEEPS], arm.n, limits=arm.limits)
+    poses = read_poses(MEASURED / POSES, arm.n, limits=arm.limits)
     # together: some of them alone do not tell the torques' sign
     (*logs, poses), _ = correct_torques([*sweeps, poses], arm, prepare)
     fit = [cut(log, s) for log in logs for k, s in enumerate(log.segments) if k % 3 != 1]

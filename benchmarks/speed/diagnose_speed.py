@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy.real_logs import MEASURED, PANDA, POSES, SWEEPS
-from benchmarks.harness import Benchmark, Row, machine
+from benchmarks.accuracy.peers import PANDA, POSES, SWEEPS
+from benchmarks.harness import MEASURED, Benchmark, Row, machine
 from benchmarks.reference_loop import seconds as reference_loop
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.reporting.markdown import listed, table_text
@@ -48,7 +48,7 @@ def cases(folder: Path) -> dict[str, tuple[str, float, list[object]]]:
     minute = [simulated(folder), "--robot", "panda"]
     link = ["--torque", "link"]
     panda = [MEASURED / PANDA, "--robot", "panda", *link]
-    sweeps = [MEASURED / x for x in SWEEPS.values()]
+    sweeps = [MEASURED / x for x in SWEEPS]
     iiwa = [*sweeps, "--poses", MEASURED / POSES, "--robot", "iiwa14", *link]
     return {
         "minute": ("60 s of a simulated Panda, 7 joints, 1 kHz", 10.0, minute),

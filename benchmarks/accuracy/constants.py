@@ -1,0 +1,156 @@
+"""Which numbers of the judge matter: each halved and doubled, on hidden causes and on real logs.
+
+    python -m benchmarks.accuracy.constants
+
+A case is a log of `blind_logs` whose links are 3 % off, or one of `every_log` that takes a few
+seconds. A tuple of a module is halved and doubled as a whole.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.accuracy import blind_logs, every_log
+from benchmarks.harness import LOGS, MEASURED, Benchmark, Row
+from stiction_envs.hidden.hidden_logs import HiddenLogs
+from stiction_envs.reporting.markdown import table_text
+
+STUDY = Benchmark(__file__, __doc__, made_by=(*LOGS, "benchmarks/accuracy/*.py"))
+CONSTANTS = {
+    "nats that a name needs": "gap.judge.search:NAMED",
+    "size of every linear cause's prior": "gap.predictors.torque:PARTS",
+    "time between observations": "gap.predictors.torque:APART",
+    "variance of rows at rest": "gap.predictors.torque:RESTING",
+    "angle of the same place": "gap.predictors.torque:CELL",
+    "shares δ of the torque that no model has": "gap.predictors.torque:SHARES",
+    "times T by which torques shift": "gap.predictors.torque:DELAYS",
+    "longest error, in observations": "gap.predictors.torque:MOST_LASTING",
+    "deviations of links": "robots.consistent:STRETCH_SD",
+    "usual offset": "gap.causes.log.torque_offset:USUAL",
+    "usual error of a gain": "gap.causes.log.torque_scale:USUAL",
+    "usual lean of a base": "gap.causes.body.base_tilt:USUAL",
+    "usual payload": "gap.causes.body.payload:USUAL_SHARE",
+    "usual mass of a wrong link": "gap.causes.body.link_parameters:MASS_SD",
+    "usual shift of its centre": "gap.causes.body.link_parameters:CENTRE_SDS",
+    "gain from which torques are converted": "gap.diagnosis:OTHER_GAIN",
+    "noise of accelerations": "gap.signals.spectra:ACCURATE",
+    "harmonics within the band": "gap.signals.spectra:HARMONICS",
+    "presliding distances that are tried": "gap.signals.friction_state:PRESLIDING_DISTANCES",
+    "time between blocks": "gap.signals.recording:GUARD",
+    "rows per period of the cutoff": "gap.signals.prepare:RATE",
+    "searches": "gap.predictors.judged:ROUNDS",
+}
+"""Where each number is, by what it is."""
+FACTORS = 0.5, 2.0
+HIDDEN = (0, 6, 8, 9, 10, 12, 17, 20, 21, 24)
+"""Cases of the first round of `blind_logs`: nine causes, or two at once, and one with none."""
+REAL = (
+    "Panda, two runs",
+    "LBR Med 7",
+    "Kinova Gen3, opti1",
+    "Kinova Gen3, opti2",
+    "Kinova Gen3, polled",
+    "UR10",
+    "LWA 4P, masses guessed",
+    "KR 300",
+)
+
+
+@contextmanager
+def changed(place: str, factor: float) -> Iterator[None]:
+    """Multiply a constant in its module, and in those that import it, for a while."""
+    path, _, name = place.partition(":")
+    value = getattr(import_module(f"stiction_envs.{path}"), name)
+    kind = type(value)
+    new = tuple(factor * x for x in value) if kind is tuple else kind(factor * value)
+    if kind is np.ndarray:
+        new = factor * value
+    modules = [m for m in list(sys.modules.values()) if getattr(m, name, None) is value]
+    for module in modules:
+        setattr(module, name, new)
+    try:
+        yield
+    finally:
+        for module in modules:
+            setattr(module, name, value)
+
+
+@cache
+def hidden_cases() -> list[tuple[blind_logs.Job, HiddenLogs]]:
+    """Return the cases of `HIDDEN`, simulated."""
+    jobs = blind_logs.plan(1, 0.03)
+    return [(jobs[k], jobs[k].case()) for k in HIDDEN]
+
+
+def measure(job: tuple[str, float]) -> Row:
+    """Return of each case the names and the error with a changed constant; "" changes none."""
+    place, factor = job
+    listed = tomllib.loads((Path(every_log.__file__).with_suffix(".toml")).read_text("utf-8"))
+    real = {x["name"]: {**x, "folder": str(MEASURED.parent)} for x in listed["log"]}
+    cases, out = hidden_cases(), {}
+    with changed(place, factor) if place else nullcontext():
+        for row in (blind_logs.judged(*case) for case in cases):
+            out[f"{row['seed']} {' '.join(row['hidden'])}"] = {
+                "right": row["named"][: len(row["expected"])] == row["expected"]
+                or (len(row["expected"]) > 1 and blind_logs.all_named(row)),
+                "inside": list(row["inside"].values()),
+                "error": float(np.mean(row["second"]["extended_nm"])),
+            }
+        for name in REAL:
+            row = every_log.measure(real[name])
+            out[name] = {"names": row["names"], "error": float(np.mean(row["ours"]))}
+    return out
+
+
+def words(row: Row, today: Row) -> list[str]:
+    """Return what is said of a variant: hidden causes, intervals, names and error of real logs."""
+    blind, real = ([x for k, x in row.items() if (k in REAL) == of] for of in (False, True))
+    inside = [ok for x in blind for ok in x["inside"]]
+    more = [
+        [float(np.log(x["error"] / today[k]["error"])) for k, x in row.items() if (k in REAL) == of]
+        for of in (False, True)
+    ]
+    errors = [f"{100 * (np.exp(np.mean(x)) - 1):+.1f} %" for x in more]
+    other = sum(set(row[k]["names"]) != set(today[k]["names"]) for k in REAL)
+    return [
+        f"{sum(x['right'] for x in blind)}, {sum(inside)}/{len(inside)}, {errors[0]}",
+        f"{other or 'no'}, {errors[1]}" if real else "",
+    ]
+
+
+def page(rows: dict[str, Row]) -> dict[str, Any]:
+    """Return the values of the page."""
+    today, lines = rows["today"], []
+    for what, place in CONSTANTS.items():
+        path, _, name = place.partition(":")
+        value = getattr(import_module(f"stiction_envs.{path}"), name)
+        shown = ", ".join(f"{x:.3g}" for x in dict.fromkeys(np.ravel(value).tolist()))
+        each = [x for f in FACTORS for x in words(rows[f"{place} {f:g}"], today)]
+        lines.append([what, f"`{path.rpartition('.')[2]}.{name}`", shown, *each])
+    head = ["number", "constant", "today", "half: hidden", "real", "double: hidden", "real"]
+    return {"table": table_text(head, lines), "today": words(today, today), "cases": len(HIDDEN)}
+
+
+def main() -> None:
+    parser = STUDY.parser()
+    parser.add_argument("--processes", type=int, default=1)
+    options = parser.parse_args()
+    jobs: dict[str, tuple[str, float]] = {"today": ("", 1.0)}
+    jobs |= {f"{place} {f:g}": (place, f) for place in CONSTANTS.values() for f in FACTORS}
+    how = {"processes": options.processes, "minutes": options.minutes}
+    rows = STUDY.rows(options).fill(jobs, measure, **how)
+    if len(rows) == len(jobs):
+        STUDY.write_page(options, **page(rows))
+
+
+if __name__ == "__main__":
+    main()
