@@ -20,6 +20,9 @@ from stiction_envs.robots import Arm
 
 CUTOFF_HZ = 5.0
 """Least bandwidth of the accelerations that couple the joints [Hz]; assumed."""
+LOST = 2.0
+"""What that band may lose of an angle over the noise of the angle [-]; assumed: the noise is known
+to about a factor of two, and a wider band has noisier accelerations."""
 WIDER = 1.25
 """Each bandwidth that is tried over the one before [-]; assumed."""
 TILT = 1e-3
@@ -84,7 +87,7 @@ def joint_motions(
 
 
 def smooth(t: Array, q: Array) -> Array:
-    """Return a joint's angle (T,) in the least band that loses no more of it than its noise [rad].
+    """Return a joint's angle (T,) in the least band that loses about as much as its noise [rad].
 
     The noise is that of the encoder's steps, of the signal, and of stamps that jitter.
     """
@@ -93,7 +96,7 @@ def smooth(t: Array, q: Array) -> Array:
     noise = max(resolution_of(q) / np.sqrt(12.0), angle_noise(q), jitter)
     rate, cutoff = 1.0 / float(np.median(step)), CUTOFF_HZ
     out = lowpass(q, rate, cutoff)
-    while np.mean((q - out) ** 2) > noise**2:
+    while np.mean((q - out) ** 2) > (LOST * noise) ** 2:
         cutoff *= WIDER
         out = lowpass(q, rate, cutoff)
     return out
