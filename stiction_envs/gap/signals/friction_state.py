@@ -20,7 +20,6 @@ from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording
-from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 
 PRESLIDING_DISTANCE = 2e-4
 """Presliding distance of dry friction [rad]; assumed: 0.5 N·m on 2500 N·m/rad."""
@@ -149,13 +148,9 @@ def presliding_distances(recording: Recording, residual: Array) -> Array:
 
 
 def noise_floor(recording: Recording, residual: Array) -> Array:
-    """Return (n,) noise of a residual [N·m]; for joints that never move it includes their creep.
-
-    The residual (T, n) is measured less nominal torque [N·m].
-    """
+    """Return (n,) noise of a residual (T, n), measured less nominal torque [N·m]."""
     moving = np.all(np.isfinite(recording.noise_tau))
-    floor = _floor(recording, residual) if moving else _scatter(recording.q, residual)
-    return np.maximum(floor, _creep(recording, residual))
+    return _floor(recording, residual) if moving else _scatter(recording.q, residual)
 
 
 def _scatter(q: Array, residual: Array) -> Array:
@@ -170,17 +165,6 @@ def _scatter(q: Array, residual: Array) -> Array:
         return least
     difference = residual[pairs[:, 0]] - residual[pairs[:, 1]]
     return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2) + least)
-
-
-def _creep(recording: Recording, residual: Array) -> Array:
-    """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0."""
-    q, out = recording.q, np.zeros(recording.n)
-    for j in np.flatnonzero(np.ptp(q, axis=0) < TRAVEL_SPAN):
-        # others' motion changes its rigid torque
-        x = np.stack([np.ones(len(q)), recording.rigid[:, j]], axis=1)
-        left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
-        out[j] = left.std()
-    return out
 
 
 def _floor(recording: Recording, residual: Array) -> Array:
