@@ -114,6 +114,12 @@ BAD = {
         "{good.csv}": "missing column",
         "nowhere.csv": "nowhere.csv",
     },
+    "view panda": {
+        "--joint 8": "unknown joint 8: expected one of 1, 2",
+        "--joint 0": "whole numbers from 1",
+        "--dither nowhere.csv": "nowhere.csv",
+        "--friction nowhere.toml": "nowhere.toml",
+    },
     "tune": {"ur5": ROBOTS},
     "tune panda": {
         "--table nowhere.csv": "nowhere.csv",

@@ -52,13 +52,6 @@ def test_panda_defects_are_found() -> None:
     assert_log_of_a_pc(log, 1131, [59, 63], pytest.approx(5.3, abs=0.5))
 
 
-def test_the_same_log_without_defects_is_left_alone(tmp_path: Path) -> None:
-    shaken = excitation(tmp_path / "log.csv", defects=False)
-    (log,) = read_logs([shaken.path], 7, limits=PANDA)
-    assert (log.corrections, log.warnings, log.breaks) == ((), (), ())
-    assert len(log.t) == 20_000
-
-
 def assert_runs_of_a_joint(log: JointLog) -> str:
     """Runs of one file stay apart; returns the warning about speeds."""
     assert corrected(log) == {"run": 7}
