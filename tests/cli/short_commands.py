@@ -1,7 +1,5 @@
 """Inputs and settings that make commands short."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Bad input: exit code 2, one line that names the matter, nothing written."""
 
-from __future__ import annotations
-
 import shlex
 import shutil
 from dataclasses import replace

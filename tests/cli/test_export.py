@@ -1,7 +1,5 @@
 """Models that `stiction export` writes stick in stock MuJoCo; ``stiction conformance``."""
 
-from __future__ import annotations
-
 import json
 
 import mujoco

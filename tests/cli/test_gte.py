@@ -1,7 +1,5 @@
 """``stiction gte`` from end to end, on short paths."""
 
-from __future__ import annotations
-
 import json
 import math
 

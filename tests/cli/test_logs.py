@@ -1,7 +1,5 @@
 """Logs and tables as commands read them: ``stiction check``, robots' own logs, other formats."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from types import SimpleNamespace

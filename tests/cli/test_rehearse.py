@@ -1,7 +1,5 @@
 """``stiction diagnose --rehearse``: its file, its words, and going on."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

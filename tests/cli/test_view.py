@@ -1,7 +1,5 @@
 """``stiction view`` where there is no window, and which dither it takes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

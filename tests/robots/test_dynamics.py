@@ -1,7 +1,5 @@
 """MuJoCo and pinocchio read the same arm: M, C, g, J and the flange agree to 1e-9."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Links that touch in every pose are no collisions; links that touch in some are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

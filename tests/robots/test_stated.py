@@ -1,7 +1,5 @@
 """Joint properties in a robot's file are read; the notes list what is left out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """Users' files: an MJCF or URDF becomes a rigid arm, or is refused in one clear line."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

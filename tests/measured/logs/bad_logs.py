@@ -1,7 +1,5 @@
 """Good numbers of a log, and joint logs that are none: what the one line about each must say."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import zipfile

@@ -5,8 +5,6 @@ samples, filtered speeds, angles as commanded) and of an iiwa (runs in one file,
 opposite sign that come late, filtered speeds).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recordings of ROS with the joint states of a log, written through rosbags, no ROS needed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path

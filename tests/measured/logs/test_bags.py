@@ -1,9 +1,8 @@
 """ROS bags as joint logs: what other files of the same numbers give; hostile ones refused."""
 
-from __future__ import annotations
-
 import sqlite3
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -46,6 +45,16 @@ read = partial(torque_log, limits=ARM.limits, robot=ARM.joint_names)
 servo = partial(servo_log, limits=ARM.limits, robot=ARM.joint_names)
 
 
+@pytest.fixture
+def bag(tmp_path: Path) -> Callable[..., Path]:
+    """Write a bag of some streams of messages."""
+
+    def write(*streams: list[Message], kind: str = "mcap", name: str = "log", **silent) -> Path:
+        return write_bag(tmp_path / name, kind, merged(*streams), **silent)
+
+    return write
+
+
 def assert_same(log: JointLog, *, speeds: bool = True) -> None:
     """The numbers of `VALUES` to the bit, and no corrections but for where they came from."""
     assert_holds(log, VALUES, "t q dq tau" if speeds else "t q tau")
@@ -54,21 +63,15 @@ def assert_same(log: JointLog, *, speeds: bool = True) -> None:
     assert {c.kind for c in log.corrections} <= {"source", "epoch"}
 
 
-def fingers(values: np.ndarray, shift: int = 2_000_000, **how: Any) -> list[Message]:
+def fingers(**how: Any) -> list[Message]:
     """A gripper that publishes to the same topic between the arm's messages."""
-    rows = np.zeros((len(values), 7))
-    rows[:, 0] = values[:, 0]
-    out = joint_states(rows, FINGERS, **how)
-    for m in out:
-        m.time += shift
-    return out
+    return joint_states(VALUES[:, :7] + [0.002, *[0] * 6], FINGERS, **how)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str) -> None:
+def test_joint_states_are_read_to_the_bit(bag, kind: str) -> None:
     """Names decide, not the order in a message; a gripper's messages are left out."""
-    messages = merged(joint_states(VALUES), fingers(VALUES))
-    log = read(write_bag(tmp_path / "log", kind, messages))
+    log = read(bag(joint_states(VALUES), fingers(), kind=kind))
     assert_same(log)
     assert log.side == "link"
     assert log.date == pytest.approx(START / 1e9, abs=1e-6)
@@ -86,16 +89,16 @@ def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str) -> None:
     ],
     ids=lambda x: x[0],
 )
-def test_names_by_number(tmp_path: Path, names: tuple[str, ...]) -> None:
-    log = read(write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names)))
+def test_names_by_number(bag, names: tuple[str, ...]) -> None:
+    log = read(bag(joint_states(VALUES, names)))
     assert_same(log)
     assert log.side == ("link" if names[0].startswith("lbr") else None)
 
 
-def test_names_of_a_ur_need_the_robot_or_the_option(tmp_path: Path) -> None:
+def test_names_of_a_ur_need_the_robot_or_the_option(bag) -> None:
     """Names without numbers: by the robot's own, else as the caller says, else one line."""
     names = ("base", "upper", "lower", "wrist_1", "wrist_2", "wrist_3", "tool")
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names))
+    path = bag(joint_states(VALUES, names))
     assert_same(read(path, robot=names))
     assert_same(read(path, joints=names))
     turned = torque_log(path, joints=names[::-1])
@@ -105,14 +108,14 @@ def test_names_of_a_ur_need_the_robot_or_the_option(tmp_path: Path) -> None:
     refuses(lambda: read(path, joints=names[:6]), "joints: 6 names: expected 7")
 
 
-def test_joints_option_is_believed(tmp_path: Path) -> None:
+def test_joints_option_is_believed(bag) -> None:
     """Two arms in one bag: the option says which; without it, one line names both."""
     left = tuple(f"left_joint{j}" for j in range(1, 8))
     right = tuple(f"right_joint{j}" for j in range(1, 8))
     both = np.column_stack(
         [VALUES[:, :1], *(VALUES[:, a : a + 7] * s for a in (1, 8, 15) for s in (1, -1))]
     )
-    path = write_bag(tmp_path / "log", "mcap", joint_states(both, left + right))
+    path = bag(joint_states(both, left + right))
     np.testing.assert_array_equal(torque_log(path, joints=right).q, -VALUES[:, 1:8])
     refuses(lambda: read(path), "both left_joint1 to left_joint7 and right_joint1")
 
@@ -148,9 +151,9 @@ def franka_robot_states() -> list[Message]:
     ],
     ids=["franka_ros", "franka_ros2", "robot_state"],
 )
-def test_franka_states(tmp_path: Path, kind: str, messages: list[Message]) -> None:
+def test_franka_states(bag, kind: str, messages: list[Message]) -> None:
     """tau_J, not the command beside it."""
-    log = read(write_bag(tmp_path / "log", kind, messages))
+    log = read(bag(messages, kind=kind))
     assert_same(log)
     assert log.side == "link"
 
@@ -158,7 +161,7 @@ def test_franka_states(tmp_path: Path, kind: str, messages: list[Message]) -> No
 @pytest.mark.parametrize(
     ("package", "torque"), [("lbr_fri_idl", "measured_torque"), ("lbr_fri_msgs", "torque")]
 )
-def test_lbr_states_have_the_controllers_clock(tmp_path: Path, package: str, torque: str) -> None:
+def test_lbr_states_have_the_controllers_clock(bag, package: str, torque: str) -> None:
     """States of today's driver and of an old one."""
 
     def fields(channels: np.ndarray) -> dict[str, Any]:
@@ -172,46 +175,44 @@ def test_lbr_states_have_the_controllers_clock(tmp_path: Path, package: str, tor
         m.fields["time_stamp_sec"], m.fields["time_stamp_nano_sec"] = divmod(m.time, 10**9)
         # recorded late, by a different time each: the stamps count
         m.time = int(m.time + 1e6 * (1 + np.sin(t)))
-    log = read(write_bag(tmp_path / "log", "mcap", messages))
+    log = read(bag(messages))
     assert_same(log, speeds=False)
     assert log.side == "link"
 
 
-def test_without_speeds_and_stamps(tmp_path: Path) -> None:
+def test_without_speeds_and_stamps(bag) -> None:
     """No speed is none, and the recorder's time takes the place of a stamp, with a warning."""
     messages = joint_states(VALUES, stamp=lambda known, *_: header(known, 0), speeds=False)
-    log = read(write_bag(tmp_path / "log", "bag", messages))
+    log = read(bag(messages, kind="bag"))
     assert_same(log, speeds=False)
     assert any("no stamp" in x for x in log.warnings)
 
 
-def test_several_topics(tmp_path: Path) -> None:
+def test_several_topics(bag) -> None:
     """Two arms that may be meant: nobody guesses. A gripper's own topic asks nothing."""
     wanted = VALUES.copy()
     wanted[:, 15:] = 1.0
     measured = joint_states(VALUES, topic="/franka/joint_states")
-    gripper = fingers(VALUES, topic="/gripper/joint_states")
-    assert_same(read(write_bag(tmp_path / "one", "mcap", merged(measured, gripper))))
-    path = write_bag(
-        tmp_path / "two", "mcap", merged(measured, joint_states(wanted, topic="/other"), gripper)
-    )
+    gripper = fingers(topic="/gripper/joint_states")
+    assert_same(read(bag(measured, gripper, name="one")))
+    path = bag(measured, joint_states(wanted, topic="/other"), gripper)
     says = r"several topics .*: /franka/joint_states, /other: .*name the topic"
     refuses(lambda: read(path), says)
     assert_same(read(path, topic="/franka/joint_states"))
     refuses(lambda: read(path, topic="/none"), "unknown topic '/none': expected one of /franka")
 
 
-def test_a_topic_without_messages_asks_nothing(tmp_path: Path) -> None:
+def test_a_topic_without_messages_asks_nothing(bag) -> None:
     silent = {"/desired": "sensor_msgs/msg/JointState"}
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES), silent=silent)
+    path = bag(joint_states(VALUES), silent=silent)
     assert_same(read(path))
     refuses(lambda: read(path, topic="/desired"), "/desired: no messages: expected one second")
 
 
-def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_of_too_many_numbers(bag, monkeypatch: pytest.MonkeyPatch) -> None:
     """Refused at the message that is too many, so that memory is bounded."""
     monkeypatch.setattr(base, "MOST_VALUES", 50 * 22)
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
+    path = bag(joint_states(VALUES))
     refuses(lambda: read(path), "/joint_states: 51 rows or more: expected at most 1100")
 
 
@@ -249,8 +250,8 @@ def without_names(messages: list[Message]) -> list[Message]:
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_messages_without_names_are_in_the_arms_order(tmp_path: Path, kind: str) -> None:
-    path = write_bag(tmp_path / "log", kind, without_names(joint_states(VALUES)))
+def test_messages_without_names_are_in_the_arms_order(bag, kind: str) -> None:
+    path = bag(without_names(joint_states(VALUES)), kind=kind)
     log = read(path)
     assert_same(log)
     assert "messages do not name their joints" in log.corrections[0].text
@@ -262,13 +263,12 @@ def test_messages_without_names_are_in_the_arms_order(tmp_path: Path, kind: str)
     ("topic", "stamp"),
     [("/arm/joint_command", True), ("/forward_position_controller/commands", False)],
 )
-def test_commands_hold_until_the_next(tmp_path: Path, topic: str, stamp: bool) -> None:
+def test_commands_hold_until_the_next(bag, topic: str, stamp: bool) -> None:
     """Under a topic of their own; velocities and efforts are no positions."""
     other = states(
         VALUES, "/effort_controller/commands", "std_msgs/msg/Float64MultiArray", array_fields
     )
-    messages = merged(joint_states(VALUES), commands(topic, stamp=stamp), other)
-    path = write_bag(tmp_path / "log", "mcap", messages)
+    path = bag(joint_states(VALUES), commands(topic, stamp=stamp), other)
     assert drives(path) == ("torque", "position")
     log = servo(path)
     held = TOLD[np.arange(len(VALUES)) // 2 * 2]
@@ -280,7 +280,7 @@ def test_commands_hold_until_the_next(tmp_path: Path, topic: str, stamp: bool) -
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None:
+def test_the_state_of_a_trajectory_controller(bag, kind: str) -> None:
     """Reference and feedback of one message, joints by name; NaN efforts beside it are none."""
 
     def point(known: Any, positions: np.ndarray) -> Any:
@@ -298,8 +298,7 @@ def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None
     topic, of = "/controller/state", "control_msgs/msg/JointTrajectoryControllerState"
     absent = VALUES.copy()
     absent[:, 8:] = np.nan
-    messages = merged(states(VALUES, topic, of, fields), joint_states(absent))
-    path = write_bag(tmp_path / "log", kind, messages)
+    path = bag(states(VALUES, topic, of, fields), joint_states(absent), kind=kind)
     assert drives(path) == ("position",)
     log = servo(path)
     np.testing.assert_array_equal(log.q_cmd, VALUES[:, 1:8] + 0.02)
@@ -308,14 +307,14 @@ def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None
     assert not check(path, robot="panda").defects
 
 
-def test_several_commands_are_chosen_by_topic(tmp_path: Path) -> None:
+def test_several_commands_are_chosen_by_topic(bag) -> None:
     """And a bag without any is one clear line."""
     messages = merged(joint_states(VALUES), commands("/a/cmd", stamp=True))
-    path = write_bag(tmp_path / "one", "mcap", messages)
-    two = write_bag(tmp_path / "two", "mcap", merged(messages, commands("/b/cmd", stamp=False)))
+    path = bag(messages, name="one")
+    two = bag(messages, commands("/b/cmd", stamp=False), name="two")
     refuses(lambda: servo(two), "several topics with commanded positions: /a/cmd, /b/cmd: expected")
     np.testing.assert_array_equal(servo(two, topic="/b/cmd").q_cmd, servo(path).q_cmd)
-    none = write_bag(tmp_path / "none", "mcap", joint_states(VALUES))
+    none = bag(joint_states(VALUES))
     refuses(lambda: servo(none), "no topics with commanded positions: expected one of a JointState")
 
 
@@ -352,44 +351,46 @@ def assert_one_clear_line(path: Path, says: str) -> None:
 
 
 @pytest.mark.parametrize("says", BAD_MESSAGES)
-def test_bad_messages_are_one_clear_line(tmp_path: Path, says: str) -> None:
-    assert_one_clear_line(write_bag(tmp_path / "log", "mcap", BAD_MESSAGES[says]), says)
+def test_bad_messages_are_one_clear_line(bag, says: str) -> None:
+    assert_one_clear_line(bag(BAD_MESSAGES[says]), says)
+
+
+def to_pointer(path: Path) -> None:
+    put(path / "log.mcap", LFS_POINTER)
+
+
+def to_zeros(path: Path) -> None:
+    put(path, b"SQLite format 3\0" + b"\0" * 500)
 
 
 def cut(path: Path) -> None:
-    data = path.read_bytes()
-    path.write_bytes(data[: int(0.6 * len(data))])
+    put(path, path.read_bytes()[:20_000])
 
 
-def without_descriptions(path: Path) -> None:
-    """Damage a bag to one as ROS 2 wrote them before Iron."""
+def undescribe(path: Path) -> None:
+    """Make a bag as ROS 2 wrote them before Iron."""
     with closing(sqlite3.connect(path)) as database, database:
         database.execute("DELETE FROM message_definitions")
 
 
-BAD_BAGS = {
-    "log.mcap: a pointer of Git LFS .* run `git lfs pull`": (
-        *("folder", lambda path: put(path / "log.mcap", LFS_POINTER)),
-    ),
-    "damaged or no": ("db3", lambda path: put(path, b"SQLite format 3\0" + b"\0" * 500)),
-    "damaged or no ROS bag.*mcap recover": ("mcap", cut),
-    "the bag does not describe franka_msgs/msg/FrankaState: expected one of sensor_msgs": (
-        *("db3", without_descriptions),
-    ),
-}
-
-
-@pytest.mark.parametrize("says", BAD_BAGS)
-def test_a_damaged_bag_is_one_clear_line(tmp_path: Path, says: str) -> None:
-    kind, damage = BAD_BAGS[says]
-    path = write_bag(tmp_path / "log", kind, franka_states("tau_j"))
+@pytest.mark.parametrize(
+    ("kind", "damage", "says"),
+    [
+        ("folder", to_pointer, "log.mcap: a pointer of Git LFS .* run `git lfs pull`"),
+        ("db3", to_zeros, "damaged or no"),
+        ("mcap", cut, "damaged or no ROS bag.*mcap recover"),
+        ("db3", undescribe, "does not describe franka_msgs/msg/FrankaState: expected one of sens"),
+    ],
+)
+def test_a_damaged_bag_is_one_clear_line(bag, kind: str, damage, says: str) -> None:
+    path = bag(franka_states("tau_j"), kind=kind)
     damage(path)
     assert_one_clear_line(path, says)
 
 
-def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_rosbags(bag, monkeypatch: pytest.MonkeyPatch) -> None:
     """One line says what to install."""
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
+    path = bag(joint_states(VALUES))
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     refusal(lambda: read(path), r"rosbags: pip install 'stiction-envs\[ros\]'")
 

@@ -1,7 +1,5 @@
 """Damaged logs of every kind: each is read whole, or refused in one line."""
 
-from __future__ import annotations
-
 import csv
 import io
 import shutil

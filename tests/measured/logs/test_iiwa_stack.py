@@ -1,7 +1,5 @@
 """Bags of iiwa_stack: an arm in several topics."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

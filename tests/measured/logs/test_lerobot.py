@@ -1,7 +1,5 @@
 """Datasets of lerobot: what is read, and in which unit."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Logs of libfranka and franka_ros as CSV: what our own columns give."""
 
-from __future__ import annotations
-
 import warnings
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The real ones are there on some machines only.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SAGE's folders, and the message on files of PyTorch."""
 
-from __future__ import annotations
-
 import csv
 from functools import partial
 from itertools import repeat

@@ -1,7 +1,5 @@
 """Servo logs: commanded and measured positions, in every kind of file, good and damaged."""
 
-from __future__ import annotations
-
 import gzip
 from functools import partial
 from pathlib import Path
