@@ -160,7 +160,6 @@ def folder(good: Path) -> Iterator[Path]:
 
 
 def check(ran: Ran | None, before: set[Path], place: Path, argv: list[str]) -> None:
-    """Check the exit code of a run."""
     if ran is None:
         return
     assert ran.code in (0, 1, BAD_INPUT), (argv, ran)
@@ -211,7 +210,6 @@ def test_damaged_files(good: Path, name: str, argv: tuple[str, ...], data: st.Da
 
 
 def actions(command: str) -> list[argparse.Action]:
-    """Return the options of a command."""
     parser = build_parser(all_commands())._subparsers._group_actions[0].choices[command]
     return [a for a in parser._actions if a.option_strings and a.dest != "help"]
 

@@ -48,7 +48,6 @@ def bulge(tmp_path: Path) -> Path:
 
 
 def touching(xml: str, q: list[float]) -> set[tuple[str, str]]:
-    """Return the links that touch in a pose."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     data.qpos[:] = q

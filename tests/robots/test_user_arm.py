@@ -17,7 +17,6 @@ from tests.robots.arms import chain, flange, write_arms
 
 @pytest.fixture
 def own(tmp_path: Path) -> Path:
-    """Folder with the users' arms of ``arms``."""
     return write_arms(tmp_path)
 
 

@@ -41,7 +41,6 @@ def good_values(rows: int = ROWS, joints: int = JOINTS, rate: float = 100.0) -> 
 
 
 def text_of(values: np.ndarray, header: str = HEADER) -> str:
-    """CSV text."""
     out = io.StringIO()
     np.savetxt(out, values, delimiter=",", fmt="%.9g", header=header, comments="")
     return out.getvalue()

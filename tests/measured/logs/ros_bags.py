@@ -77,8 +77,6 @@ OWN_TYPES = {
 
 @dataclass
 class Message:
-    """One message of a bag."""
-
     topic: str
     type: str
     time: int
@@ -172,5 +170,4 @@ def states(
 
 
 def merged(*streams: list[Message]) -> list[Message]:
-    """Return messages in the order of their times."""
     return sorted((m for s in streams for m in s), key=lambda m: m.time)

@@ -389,7 +389,6 @@ def test_a_damaged_bag_is_one_clear_line(bag, kind: str, damage, says: str) -> N
 
 
 def test_without_rosbags(bag, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line says what to install."""
     path = bag(joint_states(VALUES))
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     refusal(lambda: read(path), r"rosbags: pip install 'stiction-envs\[ros\]'")

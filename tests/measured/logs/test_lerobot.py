@@ -157,13 +157,10 @@ def test_provenance_knows_the_numbers_and_not_the_films(tmp_path: Path) -> None:
 
 
 def text_in(name: str, text: str) -> Callable[[Path], object]:
-    """Return a damage: another text in a file."""
     return lambda path: put(path / name, text)
 
 
 def info(change: Callable[[dict], object]) -> Callable[[Path], object]:
-    """Return a damage: a change of info.json."""
-
     def damage(path: Path) -> None:
         values = json.loads((path / "meta/info.json").read_text())
         change(values)
@@ -173,7 +170,6 @@ def info(change: Callable[[dict], object]) -> Callable[[Path], object]:
 
 
 def state(**values: object) -> Callable[[Path], object]:
-    """Return a damage: another description of the state."""
     return info(lambda v: v["features"]["observation.state"].update(values))
 
 

@@ -19,7 +19,6 @@ JAW = 1523
 
 
 def write_lists(path: Path, names: str, t: np.ndarray, *lists: np.ndarray) -> None:
-    """Write a table whose cells are lists."""
     with open(path, "w", newline="") as file:
         rows = zip(repeat("KIND"), 1e6 * t, *(x.tolist() for x in lists))
         csv.writer(file).writerows([("type", "timestamp", *names.split()), *rows])
