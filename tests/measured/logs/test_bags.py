@@ -2,7 +2,6 @@
 
 import sqlite3
 import sys
-from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -36,23 +35,12 @@ from tests.measured.logs.ros_bags import (
     joint_states,
     merged,
     states,
-    write_bag,
 )
 from tests.refusal import refusal
 
 ARM = load_arm("panda")
 read = partial(torque_log, limits=ARM.limits, robot=ARM.joint_names)
 servo = partial(servo_log, limits=ARM.limits, robot=ARM.joint_names)
-
-
-@pytest.fixture
-def bag(tmp_path: Path) -> Callable[..., Path]:
-    """Write a bag of some streams of messages."""
-
-    def write(*streams: list[Message], kind: str = "mcap", name: str = "log", **silent) -> Path:
-        return write_bag(tmp_path / name, kind, merged(*streams), **silent)
-
-    return write
 
 
 def assert_same(log: JointLog, *, speeds: bool = True) -> None:
