@@ -100,6 +100,7 @@ BAD = {
     },
     "calibrate panda": {
         "{base_robot.csv}": "ur5",
+        "{good.csv}": "missing column",
         "nowhere.csv": "nowhere.csv",
     },
     "view panda": {
