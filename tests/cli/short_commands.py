@@ -1,7 +1,5 @@
 """Inputs and settings that make commands short."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -57,7 +55,6 @@ def log(two: Path, inputs: Path) -> Path:
 
 @pytest.fixture
 def short_motion(monkeypatch) -> None:
-    """Make the search of an exciting motion short."""
     few = {"iterations": 6, "randoms": 3, "starts": 1}
     motion = override(settings.excitation_settings(), few)
     monkeypatch.setattr(settings, "excitation_settings", lambda: motion)

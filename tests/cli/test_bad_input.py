@@ -1,15 +1,17 @@
 """Bad input: exit code 2, one line that names the matter, nothing written."""
 
-from __future__ import annotations
-
 import shlex
+import shutil
+from dataclasses import replace
 
 import pytest
 
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
 from tests.experiments.test_conformance import lugre
-from tests.robots.arms import chain
+from tests.gap.small_logs import hidden, write_csv
+from tests.robots.arms import TWO, chain
 
 HEADER = "joint,frequency_hz,amplitude_nm\n"
 BASE = "robot,joint,load,direction,tau_base_Nm\n"
@@ -18,23 +20,22 @@ LIMIT = load_arm("panda").limits.torque[6]
 FILES = {
     # amplitude tables
     "good.csv": f"{HEADER}7,15,0.1\n",
-    "waveform.csv": f"{HEADER.strip()},waveform\n7,15,0.1,sawtooth\n",
     "strong.csv": f"{HEADER}7,15,{LIMIT + 0.1}\n",
     "fast.csv": f"{HEADER}7,1001,0.1\n",
     # other tables
-    "base_short.csv": f"{BASE}panda,1,load,+,0.5\n",
     "base_robot.csv": f"{BASE}ur5,1,load,+,0.5\n",
     "base_two.csv": BASE_TWO,
-    "path_columns.csv": "x,y\n0.03,0\n",
-    "notes.csv": "a,b\n1,2\n",
-    "log.csv": "t,q1,q2,tau1,tau2\n" + "".join(f"{k / 100},0,0,0,0\n" for k in range(300)),
+    "empty.csv": "",
+    "sje.csv": (
+        "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm,std_nm,iterations,reduction\n"
+        "two,1,load,+,0,0,0.5,0.01,4,0\n"
+    ),
     "bounds_slow.toml": "[all]\nfrequency_hz = [5, 80]\n",
     # arms and their friction
     "ten.xml": chain(10),
-    "two.xml": chain(2),
+    "two.xml": TWO,
     "slide.xml": chain(3, kind="slide"),
     "lugre.xml": lugre("2000 12 0.5 0.6 0.003"),
-    "broken.xml": "<mujoco><worldbody>",
     "friction.toml": "[stiction]\nvalue = [1.0]\n",
     "no.toml": "[stiction",
     "senses.toml": "[sensing]\nangle_noise = -1e-5\n",
@@ -51,7 +52,6 @@ BAD = {
         "{two.xml} --joint 3": "1, 2",
         "{two.xml} --sensing robot": "has no table [sensing], only iiwa14, iiwa7, panda",
         "{slide.xml}": "slide",
-        "{broken.xml}": "not a readable MJCF",
         "nowhere.xml": "nowhere.xml: no such file",
     },
     "sje panda": {
@@ -60,7 +60,6 @@ BAD = {
         "--load heavy": "no_load",
         "--speed 3": "--speed",
         "--iter 3": "--iter",
-        "--payload nan 0 0 0": "finite",
         "--payload -1 0 0 0": "from 0 kg",
         "--payload 1": "4 arguments",
         "--friction {no.toml}": "not a TOML file",
@@ -70,7 +69,6 @@ BAD = {
         "--out {good.csv}/x": "not a folder",
     },
     "sje panda --dither": {
-        "{waveform.csv}": "sine, square, triangle",
         "{strong.csv}": "torque limit of joint 7",
         "{fast.csv}": "at most 1000 Hz",
         "{good.csv} --joint 1 2": "tested are 1, 2",
@@ -82,7 +80,6 @@ BAD = {
     },
     "gte panda --stiffness 200 20 0 --trajectory": {
         "nowhere.csv": "nowhere.csv",
-        "{path_columns.csv}": "missing column 'z'",
     },
     "gte panda --trajectory triangle --stiffness": {
         "200 -20 0": "from 0",
@@ -102,10 +99,15 @@ BAD = {
         "{two.xml} {base_two.csv} --out {no.toml}": "or force",
     },
     "calibrate panda": {
-        "{base_short.csv}": "missing",
         "{base_robot.csv}": "ur5",
         "{good.csv}": "missing column",
         "nowhere.csv": "nowhere.csv",
+    },
+    "view panda": {
+        "--joint 8": "unknown joint 8: expected one of 1, 2",
+        "--joint 0": "whole numbers from 1",
+        "--dither nowhere.csv": "nowhere.csv",
+        "--friction nowhere.toml": "nowhere.toml",
     },
     "tune": {"ur5": ROBOTS},
     "tune panda": {
@@ -145,9 +147,7 @@ BAD = {
         "panda --engine mjx --friction dcmotor": "engine has no dcmotor",
     },
     "conformance": {
-        "atlas": "no such file, and no robot of that name",
         "{lugre.xml} --stiction -1": "finite numbers from 0",
-        "{lugre.xml} --stiction 1 2": "1 hinges",
         "{lugre.xml} --engine bullet": "expected one of mujoco, warp, mjx, newton",
     },
     "excite": {
@@ -162,10 +162,49 @@ BAD = {
         "{log.csv} --robot {two.xml} --cutoff 0": "above 0",
         "--robot panda": "LOG",
     },
+    "diagnose": {
+        "--robot {two.xml}": "error: no log given: expected one or more logs, or poses",
+        "{log.csv}": "--robot",
+        "{empty.csv} --robot {two.xml}": "empty.csv",
+        "nowhere.csv --robot {two.xml}": "no such file",
+        "{log.csv} --robot robbie": "unknown robot 'robbie'",
+        "{log.csv} --robot panda": "log.csv",
+    },
+    "diagnose {log.csv} --robot {two.xml}": {
+        "--nominal soft": "rigid, shipped",
+        "--nominal gone.toml": "gone.toml",
+        "--torque both": "motor",
+        "--cutoff -3": "above 0",
+        "--out {empty.csv}": "empty.csv",
+        "{log.csv}": "log.csv",
+        "--rehearse-causes payload": "error: --rehearse-causes: expected --rehearse too",
+    },
+    "diagnose {log.csv} --robot {two.xml} --check": {
+        "gone.csv": "gone.csv: no such file",
+        "{log.csv}": "it is diagnosed too",
+        "{still.csv}": "expected one or more that move in both",
+        "{sje.csv}": "sje.csv is a torque table: expected joint logs",
+    },
+    "diagnose {sje.csv} --robot {two.xml} --check": {
+        "{log.csv}": "is a torque table: expected joint logs",
+    },
+    "diagnose --robot {two.xml} --rehearse": {
+        "": "no log given",
+        "{base_two.csv}": "is a torque table: expected joint logs",
+        "{log.csv} --check {log.csv}": "--check: cannot be used with --rehearse",
+        "{log.csv} --poses {log.csv}": "--poses: cannot be used with --rehearse",
+        "{log.csv} --rehearse-causes rust": "cause 'rust': expected one of coulomb_friction",
+        "{log.csv} --cutoff nan": "expected",
+    },
+    "diagnose --robot {two.xml} --rehearse {servo.csv}": {
+        "--rehearse-causes viscous_friction": "expected one of servo_stiffness, damping",
+        "--cutoff 5": "cutoff: expected joint logs",
+        "--torque link": "torque: expected joint logs",
+        "--nominal shipped": "servo logs expect rigid",
+    },
     "check": {
         "": "FILE",
         ".": ".: a directory: expected a torque table or a joint log, or a folder of ROS 2",
-        "{notes.csv}": "neither a torque table nor a joint log",
         "{good.csv} --robot robbie": "unknown robot 'robbie'",
         "{good.csv} --out {good.csv}": "is a file",
     },
@@ -173,11 +212,22 @@ BAD = {
 CASES = [(f"{a} {b}".strip(), says) for a, ends in BAD.items() for b, says in ends.items()]
 
 
-@pytest.mark.parametrize(("line", "says"), CASES, ids=[line for line, _ in CASES])
-def test_bad_input(refused, inputs, line, says):
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """Folder with `FILES` and logs of the small arm."""
+    folder = tmp_path_factory.mktemp("files")
     for name, content in FILES.items():
-        if f"{{{name}}}" in line:
-            (inputs / name).write_text(content)
+        (folder / name).write_text(content)
+    log = hidden(load_arm(folder / "two.xml"), seconds=3.0)
+    write_csv(folder / "log.csv", log)
+    write_csv(folder / "still.csv", replace(log, q=0.01 * log.q))
+    (folder / "servo.csv").write_text(log_csv(log.t, q_cmd=log.q, q=0.9 * log.q))
+    return folder
+
+
+@pytest.mark.parametrize(("line", "says"), CASES, ids=[line for line, _ in CASES])
+def test_bad_input(refused, inputs, files, line, says):
+    shutil.copytree(files, inputs, dirs_exist_ok=True)
     assert says in refused(*shlex.split(line))
 
 

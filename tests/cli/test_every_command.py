@@ -1,7 +1,5 @@
 """Every command has a help text, a readable report, and whole files on a full disk."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from pathlib import Path
 

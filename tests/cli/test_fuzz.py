@@ -4,8 +4,6 @@
 work, and is interrupted: a command that does not stop then hangs.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import importlib
@@ -136,25 +134,17 @@ def run_apart(argv: list[str]) -> Ran | None:
     code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
     if any("\0" in word for word in argv):  # no shell can say that
         return None
-    # a process of the background would not hear of Ctrl-C
-    command = subprocess.Popen(
-        [sys.executable, "-c", code, *argv],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
+    interrupt = ["timeout", "-s", "INT", "-k", str(BOUND), str(START + PATIENCE)]
+    done = subprocess.run(
+        [*interrupt, sys.executable, "-c", code, *argv],
+        capture_output=True,
         text=True,
+        check=False,
+        # a process of the background would not hear of Ctrl-C
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    try:
-        out, err = command.communicate(timeout=START + PATIENCE)
-    except subprocess.TimeoutExpired:
-        command.send_signal(signal.SIGINT)
-        try:
-            command.communicate(timeout=BOUND)
-        except subprocess.TimeoutExpired:
-            command.kill()
-            raise AssertionError(f"hangs: {argv}") from None
-        return None
-    return Ran(command.returncode, out, err)
+    assert done.returncode not in (137, -9), f"hangs: {argv}"
+    return None if done.returncode == 124 else Ran(done.returncode, done.stdout, done.stderr)
 
 
 @contextlib.contextmanager
@@ -170,7 +160,6 @@ def folder(good: Path) -> Iterator[Path]:
 
 
 def check(ran: Ran | None, before: set[Path], place: Path, argv: list[str]) -> None:
-    """Check the exit code of a run."""
     if ran is None:
         return
     assert ran.code in (0, 1, BAD_INPUT), (argv, ran)
@@ -221,7 +210,6 @@ def test_damaged_files(good: Path, name: str, argv: tuple[str, ...], data: st.Da
 
 
 def actions(command: str) -> list[argparse.Action]:
-    """Return the options of a command."""
     parser = build_parser(all_commands())._subparsers._group_actions[0].choices[command]
     return [a for a in parser._actions if a.option_strings and a.dest != "help"]
 

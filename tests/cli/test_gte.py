@@ -1,7 +1,5 @@
 """``stiction gte`` from end to end, on short paths."""
 
-from __future__ import annotations
-
 import json
 import math
 
@@ -16,8 +14,6 @@ from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.robots import load_arm
 from tests.command_line import csv_rows
 
-HEADER = "joint,frequency_hz,amplitude_nm"
-
 
 @pytest.fixture
 def path(inputs):
@@ -29,9 +25,8 @@ def path(inputs):
 
 @pytest.fixture
 def table(inputs):
-    """Dither of three joints."""
     file = inputs / "dither.csv"
-    file.write_text(f"{HEADER}\n2,30,1.2\n4,50,2.0\n7,15,0.8\n")
+    file.write_text("joint,frequency_hz,amplitude_nm\n2,30,1.2\n4,50,2.0\n7,15,0.8\n")
     return file
 
 

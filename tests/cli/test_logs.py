@@ -1,7 +1,5 @@
 """Logs and tables as commands read them: ``stiction check``, robots' own logs, other formats."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from types import SimpleNamespace
@@ -95,15 +93,11 @@ def values(log):
     return np.column_stack([t, q, np.gradient(q, t[:, 0], axis=0), tau])
 
 
-@pytest.fixture
-def bag(values, inputs):
-    """The same as ROS 2 records it, joints by names that only have the same numbers."""
-    states = joint_states(values, ("my_joint1", "my_joint2"), speeds=False)
-    return write_bag(inputs / "bag", "folder", states)
-
-
 @pytest.mark.slow
-def test_diagnose_and_identify_a_bag(cli, two, log, bag, work):
+def test_diagnose_and_identify_a_bag(cli, two, log, values, inputs, work):
+    """As ROS 2 records the same numbers, under names of joints that only have the arm's numbers."""
+    states = joint_states(values, ("my_joint1", "my_joint2"), speeds=False)
+    bag = write_bag(inputs / "bag", "folder", states)
     for command, name in (("diagnose", "diagnosis"), ("identify", "identification")):
         found = {}
         for path in (log, bag):

@@ -1,11 +1,8 @@
 """``stiction view`` where there is no window, and which dither it takes."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
-import pytest
 
 from stiction_envs.cli import view
 from stiction_envs.dither.tables import HERE
@@ -51,21 +48,6 @@ def test_what_was_asked_for_reaches_the_window(cli, dither, monkeypatch):
     cli("view", "panda", "--seed", 3)
     assert Face.last.push.dither_seed == 3
     assert Face.last.push.plant.load[1][0, 1] < loaded[0, 1]
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        ("--joint 8", "unknown joint 8: expected one of 1, 2"),
-        ("--joint 0", "whole numbers from 1"),
-        ("--dither nowhere.csv", "nowhere.csv"),
-        ("--friction nowhere.toml", "nowhere.toml"),
-    ],
-)
-def test_bad_input_is_one_line(refused, options, says, monkeypatch):
-    monkeypatch.setattr(window, "has_display", lambda: True)
-    monkeypatch.setattr(push_window, "PushWindow", Face)
-    assert says in refused("view", "panda", *options.split())
 
 
 def test_an_arm_without_a_table_gets_what_is_known_of_it(two):

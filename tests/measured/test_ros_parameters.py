@@ -1,7 +1,5 @@
 """final.yaml: the numbers of final.csv to the bit, in the layout that ROS 2 loads."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 
 import pytest

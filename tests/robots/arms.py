@@ -1,7 +1,5 @@
 """Small arms of our own in the structure of files that people bring along."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

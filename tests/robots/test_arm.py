@@ -1,7 +1,5 @@
 """Arms: kinematics, limits, sources, self-collision, payload and tilt, and what is refused."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from importlib.resources import files

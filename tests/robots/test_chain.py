@@ -1,7 +1,5 @@
 """One serial arm of a bigger robot: the others are locked where it rests, and still weigh."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco

@@ -1,7 +1,5 @@
 """An arm is what its files say, not what they are called."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Arms by a folder of Menagerie's layout, and by a name of robot_descriptions."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Links that touch in every pose are no collisions; links that touch in some are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco
@@ -50,7 +48,6 @@ def bulge(tmp_path: Path) -> Path:
 
 
 def touching(xml: str, q: list[float]) -> set[tuple[str, str]]:
-    """Return the links that touch in a pose."""
     model = mujoco.MjModel.from_xml_string(xml)
     data = mujoco.MjData(model)
     data.qpos[:] = q

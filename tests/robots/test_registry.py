@@ -1,7 +1,5 @@
 """An arm from outside the package, three files in a folder, works as one of the package."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import gymnasium as gym

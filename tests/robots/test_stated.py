@@ -1,7 +1,5 @@
 """Joint properties in a robot's file are read; the notes list what is left out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import mujoco
@@ -29,7 +27,6 @@ ARM = """
 
 
 def arm_of(tmp_path: Path, **parts: str) -> Arm:
-    """Load a two-joint arm with some parts of its file replaced."""
     path = tmp_path / "own.xml"
     path.write_text(ARM.format(**PARTS | parts), "utf-8")
     return load_arm(path)

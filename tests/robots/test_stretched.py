@@ -1,7 +1,5 @@
 """Small errors of links: the tangent of J' = A J Aᵀ, and what one standard deviation is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Users' files: an MJCF or URDF becomes a rigid arm, or is refused in one clear line."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -19,7 +17,6 @@ from tests.robots.arms import chain, flange, write_arms
 
 @pytest.fixture
 def own(tmp_path: Path) -> Path:
-    """Folder with the users' arms of ``arms``."""
     return write_arms(tmp_path)
 
 

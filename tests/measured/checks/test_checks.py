@@ -1,7 +1,5 @@
 """`stiction check` on torque tables of which everything is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

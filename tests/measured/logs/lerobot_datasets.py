@@ -3,8 +3,6 @@
 Source: lerobot, datasets/dataset_writer.py, datasets/feature_utils.py, motors/motors_bus.py.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -5,8 +5,6 @@ samples, filtered speeds, angles as commanded) and of an iiwa (runs in one file,
 opposite sign that come late, filtered speeds).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,19 +59,16 @@ def fourier(t: Array, n: int, seed: int) -> tuple[Array, Array, Array]:
     return q * scale, dq * scale, ddq * scale
 
 
-def excitation(path: Path, *, seconds: float = 20.0, defects: bool = True) -> Shaken:
-    """A Panda that moves all joints, as a PC beside it logs: with every defect, or none."""
+def excitation(path: Path) -> Shaken:
+    """A Panda that moves all joints for 20 s, as a PC beside it logs: with every defect."""
     arm, rate = load_arm("panda"), 1000.0
     rng = np.random.default_rng(11)
-    t = np.arange(round(seconds * rate)) / rate
+    t = np.arange(20_000) / rate
     q, dq, ddq = fourier(t, arm.n, 1)
     q = q + arm.rest
     tau = inverse_dynamics(arm.pinocchio(), q, dq, ddq) + 0.4 * np.tanh(dq / 0.01)
     tau += 0.03 * rng.normal(size=q.shape)
     dq_seen = dq + 1e-3 * rng.normal(size=q.shape)
-    if not defects:
-        seen = q + 1e-5 * rng.normal(size=q.shape)
-        return Shaken(put(path, log_csv(t, q=seen, dq=dq_seen, tau=tau)), 0, 0, 0)
     # the arm shakes at 18 to 30 Hz: speeds and torques show it, the angles are those commanded
     hz, phase = rng.uniform(18, 30, 40), rng.uniform(0, 2 * np.pi, 40)
     shake = np.sin(2 * np.pi * np.outer(t, hz) + phase).sum(axis=1)[:, None]

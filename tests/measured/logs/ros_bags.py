@@ -1,7 +1,5 @@
 """Recordings of ROS with the joint states of a log, written through rosbags, no ROS needed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,8 +77,6 @@ OWN_TYPES = {
 
 @dataclass
 class Message:
-    """One message of a bag."""
-
     topic: str
     type: str
     time: int
@@ -174,5 +170,4 @@ def states(
 
 
 def merged(*streams: list[Message]) -> list[Message]:
-    """Return messages in the order of their times."""
     return sorted((m for s in streams for m in s), key=lambda m: m.time)

@@ -1,7 +1,5 @@
 """Columns under other people's names, in other units, without names; of a whole robot."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

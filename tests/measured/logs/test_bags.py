@@ -1,7 +1,5 @@
 """ROS bags as joint logs: what other files of the same numbers give; hostile ones refused."""
 
-from __future__ import annotations
-
 import sqlite3
 import sys
 from contextlib import closing
@@ -18,6 +16,7 @@ from stiction_envs.measured.logs.log_files import drives
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import (
+    LFS_POINTER,
     VALUES,
     assert_holds,
     good_values,
@@ -36,7 +35,6 @@ from tests.measured.logs.ros_bags import (
     joint_states,
     merged,
     states,
-    write_bag,
 )
 from tests.refusal import refusal
 
@@ -45,43 +43,24 @@ read = partial(torque_log, limits=ARM.limits, robot=ARM.joint_names)
 servo = partial(servo_log, limits=ARM.limits, robot=ARM.joint_names)
 
 
-@pytest.fixture(scope="module")
-def plain(tmp_path_factory) -> JointLog:
-    path = tmp_path_factory.mktemp("plain") / "log.npz"
-    np.savez(path, t=VALUES[:, 0], q=VALUES[:, 1:8], dq=VALUES[:, 8:15], tau=VALUES[:, 15:])
-    return torque_log(path, limits=ARM.limits)
+def assert_same(log: JointLog, *, speeds: bool = True) -> None:
+    """The numbers of `VALUES` to the bit, and no corrections but for where they came from."""
+    assert_holds(log, VALUES, "t q dq tau" if speeds else "t q tau")
+    assert speeds or log.dq is None
+    assert log.breaks == ()
+    assert {c.kind for c in log.corrections} <= {"source", "epoch"}
 
 
-def assert_same(log: JointLog, other: JointLog, *, speeds: bool = True) -> None:
-    """The same numbers to the bit, and the same corrections but for where they came from."""
-    np.testing.assert_array_equal(log.t, other.t)
-    np.testing.assert_array_equal(log.q, other.q)
-    np.testing.assert_array_equal(log.tau, other.tau)
-    if speeds:
-        np.testing.assert_array_equal(log.dq, other.dq)
-    else:
-        assert log.dq is None
-    assert log.breaks == other.breaks
-    own = [c for c in log.corrections if c.kind not in ("source", "epoch")]
-    assert own == list(other.corrections)
-
-
-def fingers(values: np.ndarray, shift: int = 2_000_000, **how: Any) -> list[Message]:
+def fingers(**how: Any) -> list[Message]:
     """A gripper that publishes to the same topic between the arm's messages."""
-    rows = np.zeros((len(values), 7))
-    rows[:, 0] = values[:, 0]
-    out = joint_states(rows, FINGERS, **how)
-    for m in out:
-        m.time += shift
-    return out
+    return joint_states(VALUES[:, :7] + [0.002, *[0] * 6], FINGERS, **how)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str, plain: JointLog) -> None:
+def test_joint_states_are_read_to_the_bit(bag, kind: str) -> None:
     """Names decide, not the order in a message; a gripper's messages are left out."""
-    messages = merged(joint_states(VALUES), fingers(VALUES))
-    log = read(write_bag(tmp_path / "log", kind, messages))
-    assert_same(log, plain)
+    log = read(bag(joint_states(VALUES), fingers(), kind=kind))
+    assert_same(log)
     assert log.side == "link"
     assert log.date == pytest.approx(START / 1e9, abs=1e-6)
     (source,) = [c.text for c in log.corrections if c.kind == "source"]
@@ -98,33 +77,33 @@ def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str, plain: Join
     ],
     ids=lambda x: x[0],
 )
-def test_names_by_number(tmp_path: Path, names: tuple[str, ...], plain: JointLog) -> None:
-    log = read(write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names)))
-    assert_same(log, plain)
+def test_names_by_number(bag, names: tuple[str, ...]) -> None:
+    log = read(bag(joint_states(VALUES, names)))
+    assert_same(log)
     assert log.side == ("link" if names[0].startswith("lbr") else None)
 
 
-def test_names_of_a_ur_need_the_robot_or_the_option(tmp_path: Path, plain: JointLog) -> None:
+def test_names_of_a_ur_need_the_robot_or_the_option(bag) -> None:
     """Names without numbers: by the robot's own, else as the caller says, else one line."""
     names = ("base", "upper", "lower", "wrist_1", "wrist_2", "wrist_3", "tool")
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names))
-    assert_same(read(path, robot=names), plain)
-    assert_same(read(path, joints=names), plain)
+    path = bag(joint_states(VALUES, names))
+    assert_same(read(path, robot=names))
+    assert_same(read(path, joints=names))
     turned = torque_log(path, joints=names[::-1])
-    np.testing.assert_array_equal(turned.tau, plain.tau[:, ::-1])
+    np.testing.assert_array_equal(turned.tau, VALUES[:, :14:-1])
     refuses(lambda: read(path), r"its joints are base, .*name the joints")
     refuses(lambda: read(path, joints=("hip", *names[1:])), "unknown joint 'hip': expected one of")
     refuses(lambda: read(path, joints=names[:6]), "joints: 6 names: expected 7")
 
 
-def test_joints_option_is_believed(tmp_path: Path) -> None:
+def test_joints_option_is_believed(bag) -> None:
     """Two arms in one bag: the option says which; without it, one line names both."""
     left = tuple(f"left_joint{j}" for j in range(1, 8))
     right = tuple(f"right_joint{j}" for j in range(1, 8))
     both = np.column_stack(
         [VALUES[:, :1], *(VALUES[:, a : a + 7] * s for a in (1, 8, 15) for s in (1, -1))]
     )
-    path = write_bag(tmp_path / "log", "mcap", joint_states(both, left + right))
+    path = bag(joint_states(both, left + right))
     np.testing.assert_array_equal(torque_log(path, joints=right).q, -VALUES[:, 1:8])
     refuses(lambda: read(path), "both left_joint1 to left_joint7 and right_joint1")
 
@@ -160,19 +139,17 @@ def franka_robot_states() -> list[Message]:
     ],
     ids=["franka_ros", "franka_ros2", "robot_state"],
 )
-def test_franka_states(tmp_path: Path, kind: str, messages: list[Message], plain: JointLog) -> None:
+def test_franka_states(bag, kind: str, messages: list[Message]) -> None:
     """tau_J, not the command beside it."""
-    log = read(write_bag(tmp_path / "log", kind, messages))
-    assert_same(log, plain)
+    log = read(bag(messages, kind=kind))
+    assert_same(log)
     assert log.side == "link"
 
 
 @pytest.mark.parametrize(
     ("package", "torque"), [("lbr_fri_idl", "measured_torque"), ("lbr_fri_msgs", "torque")]
 )
-def test_lbr_states_have_the_controllers_clock(
-    tmp_path: Path, plain: JointLog, package: str, torque: str
-) -> None:
+def test_lbr_states_have_the_controllers_clock(bag, package: str, torque: str) -> None:
     """States of today's driver and of an old one."""
 
     def fields(channels: np.ndarray) -> dict[str, Any]:
@@ -186,46 +163,44 @@ def test_lbr_states_have_the_controllers_clock(
         m.fields["time_stamp_sec"], m.fields["time_stamp_nano_sec"] = divmod(m.time, 10**9)
         # recorded late, by a different time each: the stamps count
         m.time = int(m.time + 1e6 * (1 + np.sin(t)))
-    log = read(write_bag(tmp_path / "log", "mcap", messages))
-    assert_same(log, plain, speeds=False)
+    log = read(bag(messages))
+    assert_same(log, speeds=False)
     assert log.side == "link"
 
 
-def test_without_speeds_and_stamps(tmp_path: Path, plain: JointLog) -> None:
+def test_without_speeds_and_stamps(bag) -> None:
     """No speed is none, and the recorder's time takes the place of a stamp, with a warning."""
     messages = joint_states(VALUES, stamp=lambda known, *_: header(known, 0), speeds=False)
-    log = read(write_bag(tmp_path / "log", "bag", messages))
-    assert_same(log, plain, speeds=False)
+    log = read(bag(messages, kind="bag"))
+    assert_same(log, speeds=False)
     assert any("no stamp" in x for x in log.warnings)
 
 
-def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
+def test_several_topics(bag) -> None:
     """Two arms that may be meant: nobody guesses. A gripper's own topic asks nothing."""
     wanted = VALUES.copy()
     wanted[:, 15:] = 1.0
     measured = joint_states(VALUES, topic="/franka/joint_states")
-    gripper = fingers(VALUES, topic="/gripper/joint_states")
-    assert_same(read(write_bag(tmp_path / "one", "mcap", merged(measured, gripper))), plain)
-    path = write_bag(
-        tmp_path / "two", "mcap", merged(measured, joint_states(wanted, topic="/other"), gripper)
-    )
+    gripper = fingers(topic="/gripper/joint_states")
+    assert_same(read(bag(measured, gripper, name="one")))
+    path = bag(measured, joint_states(wanted, topic="/other"), gripper)
     says = r"several topics .*: /franka/joint_states, /other: .*name the topic"
     refuses(lambda: read(path), says)
-    assert_same(read(path, topic="/franka/joint_states"), plain)
+    assert_same(read(path, topic="/franka/joint_states"))
     refuses(lambda: read(path, topic="/none"), "unknown topic '/none': expected one of /franka")
 
 
-def test_a_topic_without_messages_asks_nothing(tmp_path: Path, plain: JointLog) -> None:
+def test_a_topic_without_messages_asks_nothing(bag) -> None:
     silent = {"/desired": "sensor_msgs/msg/JointState"}
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES), silent=silent)
-    assert_same(read(path), plain)
+    path = bag(joint_states(VALUES), silent=silent)
+    assert_same(read(path))
     refuses(lambda: read(path, topic="/desired"), "/desired: no messages: expected one second")
 
 
-def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_log_of_too_many_numbers(bag, monkeypatch: pytest.MonkeyPatch) -> None:
     """Refused at the message that is too many, so that memory is bounded."""
     monkeypatch.setattr(base, "MOST_VALUES", 50 * 22)
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
+    path = bag(joint_states(VALUES))
     refuses(lambda: read(path), "/joint_states: 51 rows or more: expected at most 1100")
 
 
@@ -263,12 +238,10 @@ def without_names(messages: list[Message]) -> list[Message]:
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_messages_without_names_are_in_the_arms_order(
-    tmp_path: Path, kind: str, plain: JointLog
-) -> None:
-    path = write_bag(tmp_path / "log", kind, without_names(joint_states(VALUES)))
+def test_messages_without_names_are_in_the_arms_order(bag, kind: str) -> None:
+    path = bag(without_names(joint_states(VALUES)), kind=kind)
     log = read(path)
-    assert_same(log, plain)
+    assert_same(log)
     assert "messages do not name their joints" in log.corrections[0].text
     assert check(path).findings == check(path, robot="panda").findings
     refuses(lambda: torque_log(path, 6), "message 1: 7 joints, but the robot has 6")
@@ -278,13 +251,12 @@ def test_messages_without_names_are_in_the_arms_order(
     ("topic", "stamp"),
     [("/arm/joint_command", True), ("/forward_position_controller/commands", False)],
 )
-def test_commands_hold_until_the_next(tmp_path: Path, topic: str, stamp: bool) -> None:
+def test_commands_hold_until_the_next(bag, topic: str, stamp: bool) -> None:
     """Under a topic of their own; velocities and efforts are no positions."""
     other = states(
         VALUES, "/effort_controller/commands", "std_msgs/msg/Float64MultiArray", array_fields
     )
-    messages = merged(joint_states(VALUES), commands(topic, stamp=stamp), other)
-    path = write_bag(tmp_path / "log", "mcap", messages)
+    path = bag(joint_states(VALUES), commands(topic, stamp=stamp), other)
     assert drives(path) == ("torque", "position")
     log = servo(path)
     held = TOLD[np.arange(len(VALUES)) // 2 * 2]
@@ -296,7 +268,7 @@ def test_commands_hold_until_the_next(tmp_path: Path, topic: str, stamp: bool) -
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap"])
-def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None:
+def test_the_state_of_a_trajectory_controller(bag, kind: str) -> None:
     """Reference and feedback of one message, joints by name; NaN efforts beside it are none."""
 
     def point(known: Any, positions: np.ndarray) -> Any:
@@ -314,8 +286,7 @@ def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None
     topic, of = "/controller/state", "control_msgs/msg/JointTrajectoryControllerState"
     absent = VALUES.copy()
     absent[:, 8:] = np.nan
-    messages = merged(states(VALUES, topic, of, fields), joint_states(absent))
-    path = write_bag(tmp_path / "log", kind, messages)
+    path = bag(states(VALUES, topic, of, fields), joint_states(absent), kind=kind)
     assert drives(path) == ("position",)
     log = servo(path)
     np.testing.assert_array_equal(log.q_cmd, VALUES[:, 1:8] + 0.02)
@@ -324,112 +295,89 @@ def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None
     assert not check(path, robot="panda").defects
 
 
-def test_several_commands_are_chosen_by_topic(tmp_path: Path) -> None:
+def test_several_commands_are_chosen_by_topic(bag) -> None:
     """And a bag without any is one clear line."""
     messages = merged(joint_states(VALUES), commands("/a/cmd", stamp=True))
-    path = write_bag(tmp_path / "one", "mcap", messages)
-    two = write_bag(tmp_path / "two", "mcap", merged(messages, commands("/b/cmd", stamp=False)))
+    path = bag(messages, name="one")
+    two = bag(messages, commands("/b/cmd", stamp=False), name="two")
     refuses(lambda: servo(two), "several topics with commanded positions: /a/cmd, /b/cmd: expected")
     np.testing.assert_array_equal(servo(two, topic="/b/cmd").q_cmd, servo(path).q_cmd)
-    none = write_bag(tmp_path / "none", "mcap", joint_states(VALUES))
+    none = bag(joint_states(VALUES))
     refuses(lambda: servo(none), "no topics with commanded positions: expected one of a JointState")
 
 
-def text_bag(folder: Path, kind: str = "mcap") -> Path:
-    messages = [Message("/chat", "std_msgs/msg/String", START + k, {"data": "x"}) for k in range(3)]
-    return write_bag(folder / "chat", kind, messages)
-
-
-def changed(folder: Path, column: int, value: float, rows: slice = slice(None)) -> Path:
-    values = VALUES.copy()
-    values[rows, column] = value
-    return write_bag(folder / "log", "mcap", joint_states(values))
-
-
-def shortened(folder: Path) -> Path:
-    path = write_bag(folder / "log", "mcap", joint_states(VALUES))
-    data = path.read_bytes()
-    path.write_bytes(data[: int(0.6 * len(data))])
-    return path
-
-
-def two_publishers(folder: Path) -> Path:
-    three, four = (
-        joint_states(
-            np.column_stack([VALUES[:, 0], *(VALUES[:, 7 * c + 1 :][:, a:b] for c in range(3))]),
-            PANDA[a:b],
-        )
-        for a, b in ((0, 3), (3, 7))
+TWO_PUBLISHERS = merged(
+    *(
+        joint_states(VALUES[:, np.r_[0, 1 + j, 8 + j, 15 + j]], PANDA[j[0] : j[-1] + 1])
+        for j in (np.arange(3), np.arange(3, 7))
     )
-    return write_bag(folder / "log", "mcap", merged(three, four))
-
-
-def undescribed(folder: Path) -> Path:
-    """A bag as ROS 2 wrote them before Iron."""
-    path = write_bag(folder / "log", "db3", franka_states("tau_j"))
-    with closing(sqlite3.connect(path)) as database, database:
-        database.execute("DELETE FROM message_definitions")
-    return path
-
-
-def short_efforts(folder: Path) -> Path:
-    messages = joint_states(VALUES)
-    messages[20].fields["effort"] = np.ones(3)
-    return write_bag(folder / "log", "mcap", messages)
-
-
-def pointer(folder: Path) -> Path:
-    path = write_bag(folder / "log", "folder", joint_states(VALUES))
-    (file,) = path.glob("*.mcap")
-    file.write_text("version https://git-lfs.github.com/spec/v1\n")
-    return path
-
-
-BAD = {
-    "a pointer": (pointer, "log.mcap: a pointer of Git LFS .* run `git lfs pull`"),
-    "no database": (lambda f: put(f / "log.db3", b"SQLite format 3\0" + b"\0" * 500), "damaged"),
-    "cut mcap": (shortened, "damaged or no ROS bag.*mcap recover"),
-    "other messages": (
-        text_bag,
-        r"no joint states; its topics are /chat \(std_msgs/msg/String\): expected one of "
-        "sensor_msgs/msg/JointState",
+)
+INFINITE = VALUES.copy()
+INFINITE[60, 17] = np.inf
+SHORT = joint_states(VALUES)
+SHORT[20].fields["effort"] = np.ones(3)
+CHAT = [Message("/chat", "std_msgs/msg/String", START + k, {"data": "x"}) for k in range(3)]
+BAD_MESSAGES = {
+    r"no joint states; its topics are /chat \(std_msgs/msg/String\): expected one of "
+    "sensor_msgs/msg/JointState": CHAT,
+    "/joint_states, message 1: effort is empty: expected the torques": joint_states(
+        VALUES, efforts=False
     ),
-    "no efforts": (
-        lambda f: write_bag(f / "log", "mcap", joint_states(VALUES, efforts=False)),
-        "/joint_states, message 1: effort is empty: expected the torques",
-    ),
-    "infinite effort": (
-        lambda f: changed(f, 17, np.inf, slice(60, 61)),
-        "/joint_states, message 61: tau3 is inf",
-    ),
-    "too few efforts": (short_efforts, "message 21: 3 values of effort: expected 7, one a joint"),
-    "two publishers": (
-        two_publishers,
-        "without panda_joint4, .*expected all 7 joints in one message; two publishers",
-    ),
-    "messages without a description": (
-        undescribed,
-        "the bag does not describe franka_msgs/msg/FrankaState: expected one of sensor_msgs",
-    ),
-    "another arm": (
-        lambda f: write_bag(f / "log", "bag", joint_states(good_values(joints=6), PANDA[:6])),
-        "its joints are panda_joint1, .*expected names that are numbered 1 to 7",
+    "/joint_states, message 61: tau3 is inf": joint_states(INFINITE),
+    "message 21: 3 values of effort: expected 7, one a joint": SHORT,
+    "without panda_joint4, .*expected all 7 joints in one message; two publishers": TWO_PUBLISHERS,
+    "its joints are panda_joint1, .*expected names that are numbered 1 to 7": joint_states(
+        good_values(joints=6), PANDA[:6]
     ),
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_bad_bag_is_one_clear_line(tmp_path: Path, name: str) -> None:
-    make, says = BAD[name]
-    path = make(tmp_path)
+def assert_one_clear_line(path: Path, says: str) -> None:
     message = refuses(lambda: read(path), says)
     assert str(path) in message
-    assert len(message.replace(str(tmp_path), "")) < 400
+    assert len(message.replace(str(path.parent), "")) < 400
 
 
-def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line says what to install."""
-    path = write_bag(tmp_path / "log", "mcap", joint_states(VALUES))
+@pytest.mark.parametrize("says", BAD_MESSAGES)
+def test_bad_messages_are_one_clear_line(bag, says: str) -> None:
+    assert_one_clear_line(bag(BAD_MESSAGES[says]), says)
+
+
+def to_pointer(path: Path) -> None:
+    put(path / "log.mcap", LFS_POINTER)
+
+
+def to_zeros(path: Path) -> None:
+    put(path, b"SQLite format 3\0" + b"\0" * 500)
+
+
+def cut(path: Path) -> None:
+    put(path, path.read_bytes()[:20_000])
+
+
+def undescribe(path: Path) -> None:
+    """Make a bag as ROS 2 wrote them before Iron."""
+    with closing(sqlite3.connect(path)) as database, database:
+        database.execute("DELETE FROM message_definitions")
+
+
+@pytest.mark.parametrize(
+    ("kind", "damage", "says"),
+    [
+        ("folder", to_pointer, "log.mcap: a pointer of Git LFS .* run `git lfs pull`"),
+        ("db3", to_zeros, "damaged or no"),
+        ("mcap", cut, "damaged or no ROS bag.*mcap recover"),
+        ("db3", undescribe, "does not describe franka_msgs/msg/FrankaState: expected one of sens"),
+    ],
+)
+def test_a_damaged_bag_is_one_clear_line(bag, kind: str, damage, says: str) -> None:
+    path = bag(franka_states("tau_j"), kind=kind)
+    damage(path)
+    assert_one_clear_line(path, says)
+
+
+def test_without_rosbags(bag, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = bag(joint_states(VALUES))
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
     refusal(lambda: read(path), r"rosbags: pip install 'stiction-envs\[ros\]'")
 

@@ -1,7 +1,5 @@
 """The robot's clock behind jittery stamps: fast motion, odd clocks, clocks that drift for long."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The reader finds and corrects defects in made-up logs with known truth."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Logs of arms with slides that their model holds still."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

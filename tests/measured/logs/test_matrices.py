@@ -1,7 +1,5 @@
 """MATLAB's files and NumPy's arrays as logs."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """CSV as PlotJuggler exports it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import dataclasses
 import gzip
 import re
@@ -46,10 +44,11 @@ def says(paths: list[Path]) -> str:
     return message
 
 
-@pytest.mark.parametrize("bad", BAD_FILES)
-def test_a_bad_log_is_one_clear_line(tmp_path: Path, bad: str) -> None:
-    expected, content, name = BAD_FILES[bad]
-    assert re.search(expected, says([put(tmp_path / name, content)]))
+@pytest.mark.parametrize(
+    ("name", "expected"), [(name, x) for name, files in BAD_FILES.items() for x in files]
+)
+def test_a_bad_log_is_one_clear_line(tmp_path: Path, name: str, expected: str) -> None:
+    assert re.search(expected, says([put(tmp_path / name, BAD_FILES[name][expected])]))
 
 
 def test_what_is_no_file_or_not_one_log_is_one_clear_line(tmp_path: Path) -> None:

@@ -3,8 +3,6 @@
 The real ones are there on some machines only.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -50,13 +48,6 @@ def test_panda_defects_are_found() -> None:
     path = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz")
     (log,) = read_logs([path], 7, limits=PANDA)
     assert_log_of_a_pc(log, 1131, [59, 63], pytest.approx(5.3, abs=0.5))
-
-
-def test_the_same_log_without_defects_is_left_alone(tmp_path: Path) -> None:
-    shaken = excitation(tmp_path / "log.csv", defects=False)
-    (log,) = read_logs([shaken.path], 7, limits=PANDA)
-    assert (log.corrections, log.warnings, log.breaks) == ((), (), ())
-    assert len(log.t) == 20_000
 
 
 def assert_runs_of_a_joint(log: JointLog) -> str:

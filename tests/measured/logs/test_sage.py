@@ -1,8 +1,8 @@
 """SAGE's folders, and the message on files of PyTorch."""
 
-from __future__ import annotations
-
+import csv
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import pytest
 
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.reader import drive_of
-from tests.measured.logs.bad_logs import refuses, servo_log, torque_log
+from tests.measured.logs.bad_logs import LFS_POINTER, refuses, servo_log, torque_log
 from tests.measured.logs.lerobot_datasets import SO101, TICK, write_calibration
 from tests.measured.logs.test_lerobot import ANGLES, COMMAND, ROWS
 
@@ -18,13 +18,10 @@ TIME = np.arange(ROWS) * 0.02006
 JAW = 1523
 
 
-def lines(kind: str, t: np.ndarray, *lists: np.ndarray) -> str:
-    """Return rows as Python's csv module writes lists."""
-    rows = []
-    for k, at in enumerate(t):
-        cells = ",".join(f'"{x[k].tolist()}"' for x in lists)
-        rows.append(f"{kind},{1e6 * at},{cells}")
-    return "\r\n".join(rows) + "\r\n"
+def write_lists(path: Path, names: str, t: np.ndarray, *lists: np.ndarray) -> None:
+    with open(path, "w", newline="") as file:
+        rows = zip(repeat("KIND"), 1e6 * t, *(x.tolist() for x in lists))
+        csv.writer(file).writerows([("type", "timestamp", *names.split()), *rows])
 
 
 def write_sage(
@@ -39,10 +36,9 @@ def write_sage(
 ) -> Path:
     """Write a folder; commands come ``early`` [s]."""
     folder.mkdir(parents=True)
-    head = "type,timestamp,positions"
-    (folder / "control.csv").write_text(head + "\r\n" + lines("CONTROL", t - early, command))
-    text = lines("STATE_MOTOR", t, q, 1000 * q, torque)
-    (folder / "state_motor.csv").write_text(f"{head},velocities,torques\r\n{text}")
+    write_lists(folder / "control.csv", "positions", t - early, command)
+    state = "positions velocities torques"
+    write_lists(folder / "state_motor.csv", state, t, q, 1000 * q, torque)
     (folder / "event.csv").write_text("type,timestamp,event\r\nEVENT,0,MOTION_START\r\n")
     (folder / "joint_list.txt").write_text("\n".join(names) + "\n")
     return folder
@@ -104,28 +100,21 @@ def test_signed_torques_are_torques(tmp_path: Path) -> None:
     refuses(lambda: torque_log(path, 6), "no torques with a sign: expected drive position")
 
 
+HEAD = "type,timestamp,positions\n"
 DAMAGES = {
-    "no rows": ("state_motor.csv", "type,timestamp,positions\n", "no rows"),
-    "no time": ("control.csv", 'type,timestamp,positions\nC,x,"[1]"\n', "line 2: no time"),
-    "other joints": ("control.csv", 'type,timestamp,positions\nC,0,"[1]"\n', "commands of 1 joint"),
-    "ragged": (
-        "control.csv",
-        'type,timestamp,positions\nC,0,"[1]"\nC,1,"[1, 2]"\n',
-        "line 3: positions of other joints",
-    ),
-    "a name too few": ("joint_list.txt", "a\nb\n", "2 names: expected those of 6"),
-    "a pointer": (
-        "control.csv",
-        "version https://git-lfs.github.com/spec/v1\noid sha256:48de\nsize 1\n",
-        "control.csv: a pointer of Git LFS .* run `git lfs pull`",
-    ),
+    "no rows": ("state_motor.csv", HEAD),
+    "line 2: no time": ("control.csv", HEAD + 'C,x,"[1]"\n'),
+    "commands of 1 joint": ("control.csv", HEAD + 'C,0,"[1]"\n'),
+    "line 3: positions of other joints": ("control.csv", HEAD + 'C,0,"[1]"\nC,1,"[1, 2]"\n'),
+    "2 names: expected those of 6": ("joint_list.txt", "a\nb\n"),
+    "control.csv: a pointer of Git LFS .* run `git lfs pull`": ("control.csv", LFS_POINTER),
 }
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_folder_is_one_clear_line(tmp_path: Path, damage: str) -> None:
+@pytest.mark.parametrize("says", DAMAGES)
+def test_a_damaged_folder_is_one_clear_line(tmp_path: Path, says: str) -> None:
     path = so101(tmp_path / "motion")
-    name, text, says = DAMAGES[damage]
+    name, text = DAMAGES[says]
     (path / name).write_text(text)
     refuses(lambda: read(path), says)
 
