@@ -9,7 +9,7 @@ from stiction_envs.control.sensing import Sensing
 from stiction_envs.envs.gte import GTEEnv
 from stiction_envs.experiments.randomise import FIELDS, randomised
 from stiction_envs.friction.parameters import load_friction
-from tests.envs.helpers import GTE, TRIANGLE, batch_and_singles, episode, mild, quiet, same
+from tests.envs.helpers import GTE, TRIANGLE, episode, mild, quiet, same
 from tests.refusal import refusal
 
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
@@ -101,7 +101,3 @@ def test_the_observation_is_what_was_read(kind):
     expected = (rig.senses.q[0] - origin) / unit
     assert seen[first] == pytest.approx(expected.astype(np.float32))
     assert np.abs(rig.senses.q[0] - rig.plant.position[0]).max() > 1e-4
-
-
-def test_a_batch_is_its_single_environments_bit_for_bit(kind):
-    batch_and_singles(kind, 3, sensing=OFF, randomise={"friction": 0.2})

@@ -14,7 +14,7 @@ from tests.envs.helpers import (
     PANDA,
     QUICK,
     TRIANGLE,
-    TWO_JOINTS,
+    TURRET,
     divided,
     make,
     make_gte,
@@ -92,10 +92,9 @@ def test_a_batch_gives_one_frame_each(kind, monkeypatch):
 
 
 @pytest.mark.usefixtures("gl")
-def test_an_own_arm_is_drawn(kind, tmp_path):
-    path = tmp_path / "two.xml"
-    path.write_text(TWO_JOINTS)
-    env = kind.make(robot=str(path), render_mode="rgb_array")
+def test_an_own_arm_is_drawn(kind, two):
+    two.write_text(TURRET)
+    env = kind.make(robot=two, render_mode="rgb_array")
     env.reset(seed=0, options={} if kind.name == "sje" else TRIANGLE)
     scene = env.render()
     assert orange(scene).sum() > 60 if kind.name == "sje" else blue(scene).sum() > 100
