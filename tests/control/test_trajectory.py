@@ -160,20 +160,29 @@ def test_goals_wait_for_time_and_tolerance():
 
 
 def test_walks_through_all_goals_and_finishes():
-    """Perfect arms: three goals, then rest at the last, once each."""
-    k, p, _ = sequencer()
-    count = np.zeros(3)
+    """Perfect arms: three goals, then rest at the last, once each.
+
+    Ahead are the next goal and the vector from there to the one after it.
+    """
+    assert Goals(3, MotionLimits(), 5).goals_left.tolist() == [0, 0, 0], "before the start"
+    k, p, q = sequencer()
+    goals, count = triangle().goals(p, q)[0], np.zeros(3)
+    onward = np.diff(goals, axis=1, append=goals[:, -1:])
     for clock in 0.01 * np.arange(900):
+        np.testing.assert_array_equal(k.goals_left, 3 - k.arrays.current)
+        at = np.arange(3), np.minimum(k.arrays.current, 2)
+        np.testing.assert_array_equal(k.ahead, [goals[at], onward[at]])
         position, quaternion, _, _ = k.reference(np.full(3, clock))
         count += k.accept(position, quaternion, clock)
     assert k.finished.all()
+    assert not k.goals_left.any()
     np.testing.assert_array_equal(count, 2)  # the first was accepted by `start`
     np.testing.assert_array_equal(k.arrays.current, 3)
     np.testing.assert_allclose(k.arrays.accepted[:, :3].T, [[0] * 3, [2] * 3, [4] * 3], atol=0.021)
     np.testing.assert_array_equal(k.arrays.accepted[:, 1:3], k.arrays.reached[:, :2])
     assert np.isfinite(k.arrays.reached[:, 2]).all()
     np.testing.assert_array_equal(k.reference(np.full(3, 99.0))[0], p)
-    np.testing.assert_array_equal(k.ahead[0], p)
+    np.testing.assert_array_equal(k.ahead, [p, 0 * p])
 
 
 def test_polygons_are_regular_closed_and_where_the_thesis_puts_them():
@@ -288,20 +297,3 @@ def test_pace_stretches_every_movement_of_its_arm_in_time():
 def test_a_pace_is_over_zero_to_one(pace):
     says = f"path fast: pace is {pace}: expected `float`"
     refusal(lambda: Path("fast", np.zeros((1, 3)), HERE[None], pace), says)
-
-
-def test_goals_left_and_the_vector_onward():
-    """Goals that are left, and the vector from the next one to the one after it."""
-    goals = np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 3.0]])
-    s = Goals(2, MotionLimits(), 4)
-    assert s.goals_left.tolist() == [0, 0]
-    assert not s.ahead[1].any()
-    s.start(1, goals, np.tile(HERE, (3, 1)), np.zeros(3), HERE)
-    far = np.array([[9.0, 9.0, 9.0]])
-    for k, onward in enumerate(([0, 2, 0], [0, 0, 3], [0, 0, 0])):
-        assert s.goals_left.tolist() == [0, 3 - k]
-        assert s.ahead[1][1].tolist() == onward
-        assert s.ahead[0][1].tolist() == goals[k].tolist()
-        s.accept(np.concatenate([far, goals[k : k + 1]]), np.tile(HERE, (2, 1)), 100.0 * (k + 1))
-    assert s.goals_left.tolist() == [0, 0]
-    assert not s.ahead[1].any()
