@@ -13,23 +13,19 @@ from tests.refusal import refusal
 from tests.servo_arm import LOAD, joint_parameters, servo_arm
 
 
-def drive_of(folder, nsim=1, **changes):
+def drive_of(folder, **changes):
     arm, path = servo_arm(folder, **changes)
     servos, sticking = read_servos(path, arm.n), sticking_model(arm, path)
     put_under_servos(sticking, servos)
-    return ServoDrive(servos, Plant(sticking, nsim, threads=1))
-
-
-def waves(seconds):
-    t = np.arange(0.0, seconds, 0.02)
-    return t, np.stack([0.5 + 0.3 * np.sin(1.3 * t), -0.4 + 0.4 * np.sin(2.1 * t)], axis=1)
+    return ServoDrive(servos, Plant(sticking, 1, threads=1))
 
 
 @pytest.mark.parametrize(
     "changes", [{}, {"delay": 0.0173}, {"speed_limit": 0.3}, {"dead_zone": 0.01}]
 )
 def test_it_moves_an_arm_as_the_diagnosis_of_servo_logs_does(tmp_path, changes):
-    t, command = waves(6.0)
+    t = np.arange(0.0, 6.0, 0.02)
+    command = np.stack([0.5 + 0.3 * np.sin(1.3 * t), -0.4 + 0.4 * np.sin(2.1 * t)], axis=1)
     log = ServoLog(source="a", t=t, q=command.copy(), dq=None, q_cmd=command)
     drive = drive_of(tmp_path, **changes)
     arm = drive.plant.sticking.arm
