@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import copy
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 from stiction_envs.plant.copies import dumps
+from tests.command_line import python
 from tests.envs.helpers import GTE, TRIANGLE, divided, mild, same
 from tests.envs.test_vector import FIXED
 
@@ -77,11 +76,11 @@ def test_another_process_goes_on_with_the_same_bits(tmp_path):
     on(env, 2)
     (tmp_path / "env").write_bytes(pickle.dumps(env))
     code = (
-        "import pickle, sys; import stiction_envs; from tests.envs.test_copies import on\n"
-        "env = pickle.load(open(sys.argv[1] + '/env', 'rb'))\n"
-        "pickle.dump(on(env, 3), open(sys.argv[1] + '/out', 'wb'))"
+        "import pickle; import stiction_envs; from tests.envs.test_copies import on\n"
+        "env = pickle.load(open('env', 'rb'))\n"
+        "pickle.dump(on(env, 3), open('out', 'wb'))"
     )
-    subprocess.run([sys.executable, "-c", code, tmp_path], check=True)
+    assert python(code, cwd=tmp_path).returncode == 0
     assert same(pickle.loads((tmp_path / "out").read_bytes()), on(env, 3))
 
 

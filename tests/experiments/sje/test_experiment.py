@@ -143,8 +143,7 @@ def test_jobs_do_not_depend_on_each_other(monkeypatch):
         for found in (together[job], squeezed[job]):
             assert found.tau.tobytes() == single.tau.tobytes()
             assert found.start.tobytes() == single.start.tobytes()
-            for a, c in zip(found.traces, single.traces, strict=True):
-                assert a.tobytes() == c.tobytes()
+            assert [t.tobytes() for t in found.traces] == [t.tobytes() for t in single.traces]
 
 
 def test_dither_lowers_the_wrist_and_low_frequency_most():
