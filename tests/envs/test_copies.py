@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from gymnasium.vector import VectorEnv
 
 from stiction_envs.plant.copies import dumps
 from tests.command_line import python
@@ -20,13 +21,11 @@ def unpickled(env):
 
 def on(env, count: int) -> list:
     """Return what ``count`` steps give; a single environment starts its next episode itself."""
-    base = env.unwrapped
-    action, out = mild(base.core, 6, share=0.2), []
+    action, out = mild(env.unwrapped.core, 6, share=0.2), []
+    single = not isinstance(env.unwrapped, VectorEnv)
     for _ in range(count):
-        out.append(
-            env.step(np.tile(action, (base.num_envs, 1)) if hasattr(base, "batches") else action)
-        )
-        if not hasattr(base, "batches") and (out[-1][2] or out[-1][3]):
+        out.append(env.step(action if single else np.tile(action, (env.num_envs, 1))))
+        if single and (out[-1][2] or out[-1][3]):
             out.append(env.reset())
     return out
 

@@ -25,12 +25,12 @@ def lugre(values: str = "2000 12 0.5 0.6 0.003", *, body: str = "", motor: str =
   </actuator></mujoco>"""
 
 
-def stock(frictionloss: float = 0.3) -> str:
+def stock(frictionloss: float = 0.3, *, actuator: str = "") -> str:
     """One hinge with MuJoCo's own frictionloss, default solver settings."""
     return f"""
 <mujoco><worldbody><body><joint name="j" axis="0 0 1" frictionloss="{frictionloss}"/>
   <inertial pos="0 0 0" mass="1" diaginertia="0.2 0.2 0.2"/></body></worldbody>
-</mujoco>"""
+  <actuator>{actuator}</actuator></mujoco>"""
 
 
 @pytest.mark.parametrize(
@@ -153,9 +153,7 @@ def test_what_is_not_friction_does_not_hold_it(text):
 
 def test_a_servo_does_not_hold_it():
     """A position actuator would hold even a creeping joint: it is switched off."""
-    text = stock(0.3).replace(
-        "</mujoco>", '<actuator><position joint="j" kp="1000"/></actuator></mujoco>'
-    )
+    text = stock(actuator='<position joint="j" kp="1000"/>')
     (joint,) = conformance(text, rates=NO_RAMP).joints
     assert joint.creep > 1e-3
     assert joint.goes

@@ -107,9 +107,7 @@ def test_a_missing_package_names_its_extra(monkeypatch):
 
 
 def test_actuators_in_groups_that_are_off_are_silenced():
-    text = stock(0.3).replace(
-        "</mujoco>", '<actuator><position joint="j" kp="9" group="30"/></actuator></mujoco>'
-    )
+    text = stock(actuator='<position joint="j" kp="9" group="30"/>')
     model = mujoco.MjModel.from_xml_string(text)
     assert base.silent(model).actuator_gainprm[0, 0] == 9.0
     model.opt.disableactuator = 1 << 30

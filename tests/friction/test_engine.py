@@ -67,9 +67,8 @@ def test_engine_is_the_law_at_the_same_step(joint):
     plant = Plant(model, 1, threads=1)
     torque = shake(time=3.5)
     q = plant.run(command(torque, joint))[0, :, joint]
-    ref, z = simulate_joint(
-        law_of(model, joint), torque, dt=DT, inertia=model.friction_inertia[joint]
-    )
+    inertia = model.friction_inertia[joint]
+    ref, z = simulate_joint(law_of(model, joint), torque, dt=DT, inertia=inertia)
     assert np.abs(ref).max() > 1.0  # far beyond breakaway
     np.testing.assert_allclose(q, ref, rtol=0, atol=1e-11)
     np.testing.assert_allclose(plant.bristle[0, joint], z[-1], rtol=0, atol=1e-14)

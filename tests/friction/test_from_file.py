@@ -89,9 +89,8 @@ def test_an_export_read_again_has_the_same_friction(tmp_path: Path):
     path.write_text(export(arm).xml, "utf-8")
     again = sticking_model(path)
     for name in ("stiction", "coulomb_ratio", "viscous", "bristle_stiffness", "rotor_inertia"):
-        np.testing.assert_allclose(
-            getattr(again.parameters, name), getattr(first.parameters, name), rtol=1e-9
-        )
+        one, other = (getattr(model.parameters, name) for model in (first, again))
+        np.testing.assert_allclose(other, one, rtol=1e-9)
 
 
 def test_the_friction_of_a_registered_arm_is_its_own():

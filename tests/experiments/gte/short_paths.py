@@ -17,12 +17,8 @@ from stiction_envs.robots import Arm
 
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 SOFT, STIFF = (200.0, 20.0, 0.0), (400.0, 40.0, 0.0)
-DITHER = tuple(
-    AmplitudeRow(k + 1, f, a)
-    for k, (f, a) in enumerate(
-        zip((50, 30, 30, 50, 15, 15, 15), (0.9, 1.2, 1.6, 2.0, 0.9, 0.6, 0.8), strict=True)
-    )
-)
+FREQUENCIES, AMPLITUDES = (50, 30, 30, 50, 15, 15, 15), (0.9, 1.2, 1.6, 2.0, 0.9, 0.6, 0.8)
+DITHER = tuple(map(AmplitudeRow, range(1, 8), FREQUENCIES, AMPLITUDES))
 
 
 def through(name: str, *goals: tuple[float, float, float]) -> Path:

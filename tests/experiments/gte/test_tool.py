@@ -45,15 +45,11 @@ def test_a_push_at_the_flange_turns_an_arm_controlled_at_its_tool():
     yaw = load_arm("panda").hand_yaw
     x, y = lever * np.cos(yaw), lever * np.sin(yaw)  # the hand's x in the flange's frame
     loaded = load_arm("panda", payload=(mass, x, y, 0.0))
-    errors = []
+    errors, model = [], load_arm("panda")
     for tool in ((0.0, 0.0, 0.0), (lever, 0.0, 0.0)):
-        b = bench(
-            loaded, "none", tail=8.0, scatter=False, tool=tool, controller_model=load_arm("panda")
-        )
+        b = bench(loaded, "none", tail=8.0, scatter=False, tool=tool, controller_model=model)
         run = one(b, Case(trajectory="stay", stiffness=STIFF))
         poses = (rotation.from_rpy(p[0, -1, 3:])[None] for p in (run.actual, run.reference))
         errors.append([run.error[0, -1, 2], rotation.rotation_error(*poses)[0, 1]])
-    sag = -mass * 9.81 / STIFF[0]
-    np.testing.assert_allclose(
-        errors, [[sag, lever * mass * 9.81 / STIFF[1]], [sag, 0.0]], atol=5e-4
-    )
+    sag, tilt = -mass * 9.81 / STIFF[0], lever * mass * 9.81 / STIFF[1]
+    np.testing.assert_allclose(errors, [[sag, tilt], [sag, 0.0]], atol=5e-4)

@@ -39,11 +39,8 @@ def test_senses_without_errors_change_no_bit():
 def test_a_ramp_goes_on_until_a_late_reading_is_there():
     """Law checked: the torque grows by rate · (delay of the command + of the reading)."""
     late = Sensing(measurement_delay=0.006, command_delay=0.004)
-    still = {"scatter": False}
-    for one, two in zip(
-        torques("ideal", JOBS[:2], **still), torques(late, JOBS[:2], **still), strict=True
-    ):
-        assert np.abs(two) - np.abs(one) == pytest.approx([0.010 * RATE] * 2, abs=2e-3 * RATE)
+    usual, delayed = (np.abs(torques(s, JOBS[:2], scatter=False)) for s in ("ideal", late))
+    np.testing.assert_allclose(delayed - usual, 0.010 * RATE, rtol=0, atol=2e-3 * RATE)
 
 
 @pytest.mark.slow
