@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.position_servo import ServoDrive, put_under_servos
-from stiction_envs.friction.servos import PositionServos, read_servos
+from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.servo.whole_arm import simulate_arm
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -76,9 +76,6 @@ def test_a_bad_table_of_servos_is_one_line(tmp_path, old, new, said):
     refusal(lambda: read_servos(path, 2), said)
 
 
-def test_a_delay_is_that_of_a_clock_where_it_is_negative():
-    one = np.ones(2)
-    servos = PositionServos(
-        stiffness=one, delay=-0.01 * one, speed_limit=one, torque_limit=one, dead_zone=0 * one
-    )
-    assert servos.delay.tolist() == [-0.01, -0.01]
+def test_a_delay_is_that_of_a_clock_where_it_is_negative(tmp_path):
+    _, path = servo_arm(tmp_path, delay=-0.01)
+    assert read_servos(path, 2).delay.tolist() == [-0.01, -0.01]

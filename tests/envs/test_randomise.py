@@ -48,11 +48,8 @@ def test_factors_stay_within_their_spread_and_differ_by_joint():
     p = load_friction("panda")
     drawn = np.random.default_rng(1).uniform(-1.0, 1.0, (400, len(FIELDS), 7))
     out = randomised(p, SPREADS, drawn)
-    for name, field in (
-        ("friction", "stiction"),
-        ("rotor", "rotor_inertia"),
-        ("bristles", "bristle_stiffness"),
-    ):
+    quantities = {"friction": "stiction", "rotor": "rotor_inertia", "bristles": "bristle_stiffness"}
+    for name, field in quantities.items():
         ratio = getattr(out, field) / getattr(p, field)
         ratio = ratio[..., 0] if ratio.ndim == 3 else ratio
         assert ratio.min() == pytest.approx(1 - SPREADS[name], abs=0.02)
