@@ -212,9 +212,7 @@ def test_a_wrong_controller_model_shows_in_the_error():
 @pytest.fixture(scope="module")
 def few_paths():
     """Draws from three random paths."""
-    env = make_gte(random_paths=3)
-    yield env
-    env.close()
+    return make_gte(random_paths=3)
 
 
 def test_a_numbered_path_is_what_the_arm_follows(few_paths):

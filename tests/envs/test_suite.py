@@ -60,9 +60,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def env(name: str):
-    made = gym.make(name, **short(name)[0])
-    yield made
-    made.close()
+    return gym.make(name, **short(name)[0])
 
 
 @pytest.fixture(scope="module")
