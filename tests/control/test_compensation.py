@@ -103,6 +103,11 @@ def test_gains_are_the_breakaway_torques():
         ({"speed": (0.1, 0.0)}, "speed of joint 2 is 0"),
         ({"speed": (0.1, 0.1, 0.1)}, "one number, or 2"),
         ({"error": -1.0}, "error of joint 1"),
+        ({"load": -1.0}, "load of joint 1 is -1"),
+        ({"kind": "feedforward", "error": 0.1}, "feedforward has none: expected speed"),
+        ({"kind": "momentum_observer", "share": 1.1}, "share of joint 1 is 1.1: .* 1 and <= 1"),
+        ({"kind": "momentum_observer", "rate": 0.0}, "rate of joint 1 is 0: expected > 0"),
+        ({"kind": "lugre_observer", "speed": 0.1}, "lugre_observer needs it"),
     ],
 )
 def test_bad_numbers(change, words):
@@ -111,9 +116,8 @@ def test_bad_numbers(change, words):
 
 def test_compensation_that_does_not_fit_is_refused():
     refusal(lambda: loads(Compensation(kind="push", gain=(1.0, 1.0))), "2 joints: expected 7")
-    refusal(
-        lambda: Compensation.from_friction("push", load_friction("panda", 7), -1), "factor is -1"
-    )
+    p = load_friction("panda", 7)
+    refusal(lambda: Compensation.from_friction("push", p, -1), "factor is -1")
 
 
 def test_a_copy_has_the_addresses_of_its_process():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.position_servo import ServoDrive, put_under_servos
-from stiction_envs.friction.servos import PositionServos, read_servos
+from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.servo.whole_arm import simulate_arm
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -13,23 +13,19 @@ from tests.refusal import refusal
 from tests.servo_arm import LOAD, joint_parameters, servo_arm
 
 
-def drive_of(folder, nsim=1, **changes):
+def drive_of(folder, **changes):
     arm, path = servo_arm(folder, **changes)
     servos, sticking = read_servos(path, arm.n), sticking_model(arm, path)
     put_under_servos(sticking, servos)
-    return ServoDrive(servos, Plant(sticking, nsim, threads=1))
-
-
-def waves(seconds):
-    t = np.arange(0.0, seconds, 0.02)
-    return t, np.stack([0.5 + 0.3 * np.sin(1.3 * t), -0.4 + 0.4 * np.sin(2.1 * t)], axis=1)
+    return ServoDrive(servos, Plant(sticking, 1, threads=1))
 
 
 @pytest.mark.parametrize(
     "changes", [{}, {"delay": 0.0173}, {"speed_limit": 0.3}, {"dead_zone": 0.01}]
 )
 def test_it_moves_an_arm_as_the_diagnosis_of_servo_logs_does(tmp_path, changes):
-    t, command = waves(6.0)
+    t = np.arange(0.0, 6.0, 0.02)
+    command = np.stack([0.5 + 0.3 * np.sin(1.3 * t), -0.4 + 0.4 * np.sin(2.1 * t)], axis=1)
     log = ServoLog(source="a", t=t, q=command.copy(), dq=None, q_cmd=command)
     drive = drive_of(tmp_path, **changes)
     arm = drive.plant.sticking.arm
@@ -80,9 +76,6 @@ def test_a_bad_table_of_servos_is_one_line(tmp_path, old, new, said):
     refusal(lambda: read_servos(path, 2), said)
 
 
-def test_a_delay_is_that_of_a_clock_where_it_is_negative():
-    one = np.ones(2)
-    servos = PositionServos(
-        stiffness=one, delay=-0.01 * one, speed_limit=one, torque_limit=one, dead_zone=0 * one
-    )
-    assert servos.delay.tolist() == [-0.01, -0.01]
+def test_a_delay_is_that_of_a_clock_where_it_is_negative(tmp_path):
+    _, path = servo_arm(tmp_path, delay=-0.01)
+    assert read_servos(path, 2).delay.tolist() == [-0.01, -0.01]

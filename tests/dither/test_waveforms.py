@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stiction_envs.cli import main
 from stiction_envs.dither.waveforms import WAVEFORMS, Waveform, register_waveform
 from tests.refusal import refusal
-from tests.robots.arms import chain
 from tests.test_contributing import block
 
 
@@ -20,26 +17,15 @@ def sawtooth() -> None:
     exec(block("A waveform", "python"), {"__name__": "contributed"})
 
 
-@pytest.fixture
-def arm(tmp_path: Path) -> Path:
-    path = tmp_path / "two.xml"
-    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
-    return path
-
-
-def test_the_command_line_takes_it_from_a_table(arm, tmp_path, capsys):
-    table = tmp_path / "dither.csv"
-    table.write_text("joint,frequency_hz,amplitude_nm,waveform,offset_nm\n2,15,0.5,sawtooth,0\n")
-    words = ["--joint", "2", "--load", "load", "--direction", "+", "--iterations", "1", "--json"]
-    assert (
-        main(["sje", str(arm), *words, "--dither", str(table), "--out", str(tmp_path / "a")]) == 0
-    )
-    rows = json.loads(capsys.readouterr().out)["rows"]
+def test_the_command_line_takes_it_from_a_table(cli, refused, two, dither):
+    dither.write_text("joint,frequency_hz,amplitude_nm,waveform,offset_nm\n2,15,0.5,sawtooth,0\n")
+    options = ["--joint", 2, "--load", "load", "--direction", "+", "--iterations", 1, "--json"]
+    rows = json.loads(cli("sje", two, *options, "--dither", dither).out)["rows"]
     assert [row["amplitude_nm"] for row in rows] == [0.0, 0.5]
     assert abs(rows[1]["tau_nm"]) < abs(rows[0]["tau_nm"])
-    table.write_text(table.read_text().replace("sawtooth", "sawtoothed"))
-    assert main(["sje", str(arm), "--dither", str(table), "--out", str(tmp_path / "b")]) == 2
-    assert f"expected one of {', '.join(WAVEFORMS)}" in capsys.readouterr().err
+    dither.write_text(dither.read_text().replace("sawtooth", "sawtoothed"))
+    says = refused("sje", two, "--dither", dither, "--out", "b")
+    assert f"expected one of {', '.join(WAVEFORMS)}" in says
     assert list(WAVEFORMS)[-1] == "sawtooth"
 
 
@@ -50,7 +36,6 @@ class Bad(Waveform):
         self.name, self._shape = name, shape  # type: ignore[misc]
 
     def value(self, angle, drawn):
-        """Return the values of the shape under test."""
         return self._shape(angle)
 
 

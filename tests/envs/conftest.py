@@ -12,14 +12,10 @@ def kind(request) -> Kind:
 @pytest.fixture(scope="module")
 def env(kind):
     """The Panda's environment in short episodes."""
-    made = kind.make()
-    yield made
-    made.close()
+    return kind.make()
 
 
 @pytest.fixture(scope="module")
 def panda():
     """The Panda's GTE environment."""
-    made = make_gte()
-    yield made
-    made.close()
+    return make_gte()

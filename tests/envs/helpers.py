@@ -11,30 +11,15 @@ import pytest
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
 from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
+from tests.robots.arms import TWO
 
 PANDA, IIWA = "stiction_envs:PandaSJE-v0", "stiction_envs:IiwaSJE-v0"
 PANDA_GTE, IIWA_GTE = "stiction_envs:PandaGTE-v0", "stiction_envs:IiwaGTE-v0"
 QUICK = {"joint": 6, "load": "no_load", "direction": "+"}
 """A configuration that breaks away early."""
 TRIANGLE = {"trajectory": "triangle", "stiffness": (400, 40, 0)}
-TWO_JOINTS = """
-<mujoco model="two">
-  <compiler angle="radian"/>
-  <worldbody>
-    <body name="base"><geom type="cylinder" size="0.05 0.05"/>
-      <body name="a" pos="0 0 0.1">
-        <joint name="a" axis="0 0 1" range="-2 2"/>
-        <geom type="capsule" size="0.03" fromto="0 0 0.08 0.3 0 0.08" mass="1.5"/>
-        <body name="b" pos="0.4 0 0.08">
-          <joint name="b" axis="0 1 0" range="-2 2"/>
-          <geom type="capsule" size="0.03" fromto="0.06 0 0 0.3 0 0" mass="1"/>
-          <site name="tip" pos="0.3 0 0"/>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
+TURRET = TWO.replace("0 1 0", "0 0 1", 1)
+"""MJCF of an arm of two joints that turns and tilts."""
 
 
 def sprint() -> MotionLimits:
@@ -109,29 +94,6 @@ def divided(
     with monkeypatch.context() as m:
         m.setattr(kind.batch.episodes, "arms_per_batch", per_batch)
         return kind.make_vec(count, **{"threads": 1, "fixed_options": kind.options, **more})
-
-
-def batch_and_singles(kind: Kind, steps: int, **arguments: Any) -> Any:
-    """Step three arms together and two of them alone; return the batch.
-
-    What each of the two sees and is rewarded with is the same bits; the two differ.
-    """
-    many = kind.make_batch(3, autoreset_mode="Disabled", **arguments)
-    seen, _ = many.reset(seed=5, options=kind.options)
-    rows, action = [[o.copy()] for o in seen], mild(many.unwrapped.core, 6)
-    for _ in range(steps):
-        observation, reward, *_ = many.step(np.tile(action, (3, 1)))
-        for row, o, r in zip(rows, observation, reward, strict=True):
-            row += [o.copy(), r]
-    for i in (0, 2):
-        env = kind.make(threads=1, **arguments)
-        out = [env.reset(seed=5 + i, options=kind.options)[0]]
-        for _ in range(steps):
-            observation, r, *_ = env.step(action)
-            out += [observation, r]
-        assert all(np.array_equal(a, b) for a, b in zip(out, rows[i], strict=True))
-    assert not np.array_equal(rows[0][-2], rows[2][-2])
-    return many
 
 
 def same(a: Any, b: Any) -> bool:

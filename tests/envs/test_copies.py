@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import copy
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from gymnasium.vector import VectorEnv
 
 from stiction_envs.plant.copies import dumps
+from tests.command_line import python
 from tests.envs.helpers import GTE, TRIANGLE, divided, mild, same
 from tests.envs.test_vector import FIXED
 
@@ -21,13 +21,11 @@ def unpickled(env):
 
 def on(env, count: int) -> list:
     """Return what ``count`` steps give; a single environment starts its next episode itself."""
-    base = env.unwrapped
-    action, out = mild(base.core, 6, share=0.2), []
+    action, out = mild(env.unwrapped.core, 6, share=0.2), []
+    single = not isinstance(env.unwrapped, VectorEnv)
     for _ in range(count):
-        out.append(
-            env.step(np.tile(action, (base.num_envs, 1)) if hasattr(base, "batches") else action)
-        )
-        if not hasattr(base, "batches") and (out[-1][2] or out[-1][3]):
+        out.append(env.step(action if single else np.tile(action, (env.num_envs, 1))))
+        if single and (out[-1][2] or out[-1][3]):
             out.append(env.reset())
     return out
 
@@ -77,11 +75,11 @@ def test_another_process_goes_on_with_the_same_bits(tmp_path):
     on(env, 2)
     (tmp_path / "env").write_bytes(pickle.dumps(env))
     code = (
-        "import pickle, sys; import stiction_envs; from tests.envs.test_copies import on\n"
-        "env = pickle.load(open(sys.argv[1] + '/env', 'rb'))\n"
-        "pickle.dump(on(env, 3), open(sys.argv[1] + '/out', 'wb'))"
+        "import pickle; import stiction_envs; from tests.envs.test_copies import on\n"
+        "env = pickle.load(open('env', 'rb'))\n"
+        "pickle.dump(on(env, 3), open('out', 'wb'))"
     )
-    subprocess.run([sys.executable, "-c", code, tmp_path], check=True)
+    assert python(code, cwd=tmp_path).returncode == 0
     assert same(pickle.loads((tmp_path / "out").read_bytes()), on(env, 3))
 
 

@@ -9,7 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RescaleAction
 
-from tests.envs.helpers import TRIANGLE, TWO_JOINTS, Kind, episode, mild, quiet, same
+from tests.envs.helpers import TRIANGLE, TURRET, Kind, episode, mild, quiet, same
 from tests.refusal import refusal
 
 
@@ -58,14 +58,13 @@ def test_amplitude_zero_is_no_dither_at_any_frequency(kind, env):
         assert a[1:4] == b[1:4]
 
 
-def test_own_arm_with_two_joints(kind, tmp_path):
-    path = tmp_path / "two.xml"
-    path.write_text(TWO_JOINTS)
+def test_own_arm_with_two_joints(kind, two):
+    two.write_text(TURRET)
     seen, options, last = {
         "sje": (17, {"joint": 2, "load": "no_load", "direction": "-"}, "reduction"),
         "gte": (30, TRIANGLE, "error"),
     }[kind.name]
-    env = kind.make(robot=str(path))
+    env = kind.make(robot=two)
     assert env.action_space.shape == (4,)
     assert env.observation_space.shape == (seen,)
     final = episode(env, mild(env, 2), seed=0, options=options)[-1][4]
@@ -100,24 +99,17 @@ def test_wrong_options(env, wrong, words):
     assert [w for w in words if w not in line] == []
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ((2, np.nan), "amplitude of joint 3.*nan"),
-        ((7, 4.0), "frequency of joint 1.*expected 5 to 100 Hz"),
-    ],
-)
-def test_wrong_actions(kind, env, change, words):
+def test_wrong_actions(kind, env):
     env.reset(seed=0, options=kind.options)
-    action = quiet(env)
-    action[change[0]] = change[1]
-    refusal(lambda: env.unwrapped.step(action), words)
-
-
-@pytest.mark.parametrize("action", [np.zeros(13), "dither"])
-def test_actions_of_another_shape(kind, env, action):
-    env.reset(seed=0, options=kind.options)
-    refusal(lambda: env.unwrapped.step(action), "action")
+    bad, slow = quiet(env), quiet(env)
+    bad[2], slow[7] = np.nan, 4.0
+    for action, words in (
+        (bad, "amplitude of joint 3.*nan"),
+        (slow, "frequency of joint 1.*expected 5 to 100 Hz"),
+        (np.zeros(13), "action"),
+        ("dither", "action"),
+    ):
+        refusal(lambda action=action: env.unwrapped.step(action), words)
 
 
 @of_each(

@@ -15,8 +15,8 @@ def test_undithered_iterations_sum_to_minus_one():
     env = GTE.make_batch(10, autoreset_mode="SameStep")
     still = np.tile(env.single_action_space.low, (10, 1))
     env.reset(options=[{**TRIANGLE, "iteration": k} for k in range(10)])
-    total, tracking, error = np.zeros(10), np.zeros(10), np.zeros((10, 6))
-    settling, left = np.zeros(10), np.zeros((10, 2))
+    total, tracking, settling = np.zeros((3, 10))
+    error, left = np.zeros((10, 6)), np.zeros((10, 2))
     alive = np.ones(10, dtype=bool)
     while alive.any():
         _, reward, terminated, _, infos = env.step(still)

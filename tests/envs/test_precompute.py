@@ -11,7 +11,7 @@ from stiction_envs.experiments.gte.protocol import episode_settings
 from stiction_envs.experiments.sje import undithered as sje_base
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.friction.parameters import load_friction
+from stiction_envs.friction.parameters import load_friction, scaled
 from stiction_envs.precomputed import store
 from stiction_envs.reporting.kept_rows import KeptRows
 from tests.envs import make_precomputed as precompute
@@ -32,14 +32,6 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(store, "SHIPPED", tmp_path / "nothing")
     monkeypatch.setattr(store, "_memory", {})
     return tmp_path / "cache"
-
-
-def softer(name: str, factor: float = 0.9) -> object:
-    """Return the Panda's friction with one number changed."""
-    friction = load_friction("panda", 7)
-    array = np.array(getattr(friction, name))
-    array[5] *= factor
-    return friction.replace(**{name: array})
 
 
 # ---- shipped -------------------------------------------------------------------------------------
@@ -94,11 +86,11 @@ def test_a_first_contact_simulates_no_reference(name, tmp_path, monkeypatch):
 def test_whatever_a_base_torque_depends_on_is_in_its_key():
     of = SingleJointExperiment
     usual = of("panda")
-    slow = load_protocol("panda").replace(ramp_rate=0.05)
+    nominal, slow = load_friction("panda"), load_protocol("panda").replace(ramp_rate=0.05)
     others = [
         of("iiwa7"),
-        of("panda", friction=softer("stiction")),
-        of("panda", friction=softer("load_high")),
+        of("panda", friction=scaled(nominal, {"stiction": 0.9})),
+        of("panda", friction=scaled(nominal, {"load_high": 0.9})),
         of("panda", protocol=slow),
         of("panda", timestep=5e-4),
     ]

@@ -9,7 +9,7 @@ from stiction_envs.control.sensing import Sensing
 from stiction_envs.envs.gte import GTEEnv
 from stiction_envs.experiments.randomise import FIELDS, randomised
 from stiction_envs.friction.parameters import load_friction
-from tests.envs.helpers import GTE, TRIANGLE, batch_and_singles, episode, mild, quiet, same
+from tests.envs.helpers import GTE, TRIANGLE, episode, mild, quiet, same
 from tests.refusal import refusal
 
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
@@ -48,11 +48,8 @@ def test_factors_stay_within_their_spread_and_differ_by_joint():
     p = load_friction("panda")
     drawn = np.random.default_rng(1).uniform(-1.0, 1.0, (400, len(FIELDS), 7))
     out = randomised(p, SPREADS, drawn)
-    for name, field in (
-        ("friction", "stiction"),
-        ("rotor", "rotor_inertia"),
-        ("bristles", "bristle_stiffness"),
-    ):
+    quantities = {"friction": "stiction", "rotor": "rotor_inertia", "bristles": "bristle_stiffness"}
+    for name, field in quantities.items():
         ratio = getattr(out, field) / getattr(p, field)
         ratio = ratio[..., 0] if ratio.ndim == 3 else ratio
         assert ratio.min() == pytest.approx(1 - SPREADS[name], abs=0.02)
@@ -101,7 +98,3 @@ def test_the_observation_is_what_was_read(kind):
     expected = (rig.senses.q[0] - origin) / unit
     assert seen[first] == pytest.approx(expected.astype(np.float32))
     assert np.abs(rig.senses.q[0] - rig.plant.position[0]).max() > 1e-4
-
-
-def test_a_batch_is_its_single_environments_bit_for_bit(kind):
-    batch_and_singles(kind, 3, sensing=OFF, randomise={"friction": 0.2})

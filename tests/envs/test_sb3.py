@@ -1,12 +1,10 @@
 from __future__ import annotations
 
-from typing import Any
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from tests.envs.helpers import PANDA, Kind, same
+from tests.envs.helpers import PANDA, same
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv
@@ -17,14 +15,9 @@ from tests.refusal import refusal
 FIXED = {"control_interval_s": 0.2, "fixed_options": {"joint": 6, "load": "no_load"}}
 
 
-def of(kind: Kind, count: int, **arguments: Any) -> SB3VecEnv:
-    """Return a batch of the Panda's environments."""
-    return make_sb3(kind.panda, count, **{**kind.arguments, **arguments})
-
-
 def test_it_is_dummy_vec_env_of_singles_bit_for_bit(kind):
     last, steps = {"sje": ("reduction", 45), "gte": ("error", 20)}[kind.name]
-    mine = of(kind, 3, fixed_options=kind.options)
+    mine = make_sb3(kind.panda, 3, fixed_options=kind.options, **kind.arguments)
     theirs = DummyVecEnv([lambda: kind.make(fixed_options=kind.options)] * 3)
     assert mine.observation_space == theirs.observation_space
     for env in (mine, theirs):

@@ -11,9 +11,7 @@ from tests.envs.helpers import IIWA, PANDA, QUICK, episode, make, mild, quiet
 
 @pytest.fixture(scope="module")
 def panda():
-    env = make()
-    yield env
-    env.close()
+    return make()
 
 
 def test_seeds_draw_every_option(panda):

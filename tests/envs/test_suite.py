@@ -13,26 +13,21 @@ import pytest
 from gymnasium.vector import VectorEnv
 
 import stiction_envs
-from tests.envs.helpers import QUICK, TRIANGLE, same, sprint
+from tests.envs.helpers import KINDS, same
 
 IDS = sorted(
     name
     for name, spec in gym.registry.items()
     if str(spec.entry_point).startswith(f"{stiction_envs.__name__}.")
 )
-SHORTER: dict[str, dict[str, Any]] = {"SJEEnv": {}, "GTEEnv": {"motion": sprint()}}
-"""Arguments that shorten an episode, by class."""
-ONE_CASE: dict[str, dict[str, Any]] = {"SJEEnv": QUICK, "GTEEnv": TRIANGLE}
-"""Options of a short episode, by class: everything that a reset may draw but the scatter."""
+SHORT = {kind.single.__name__: (kind.arguments, kind.options) for kind in KINDS.values()}
 LONGEST = 200
 
 
-def of_class(name: str, table: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    return table.get(str(gym.spec(name).entry_point).rpartition(":")[2], {})
-
-
-def arguments(name: str) -> dict[str, Any]:
-    return {"control_interval_s": 0.2, **of_class(name, SHORTER)}
+def short(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the arguments of an environment with short episodes, and options of one of them."""
+    found = str(gym.spec(name).entry_point).rpartition(":")[2]
+    return SHORT.get(found, ({"control_interval_s": 0.2}, {}))
 
 
 def episode(env: gym.Env, seed: int, options: dict[str, Any], spoil: bool = False) -> list[Any]:
@@ -65,21 +60,19 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def env(name: str):
-    made = gym.make(name, **arguments(name))
-    yield made
-    made.close()
+    return gym.make(name, **short(name)[0])
 
 
 @pytest.fixture(scope="module")
 def steps(env: gym.Env, name: str) -> list[Any]:
     """One episode to its end."""
-    return episode(env, 5, of_class(name, ONE_CASE))
+    return episode(env, 5, short(name)[1])
 
 
 @pytest.fixture(scope="module")
 def shaken(name: str) -> tuple[VectorEnv, np.ndarray, np.ndarray]:
     """A batch shaken at random through several resets: its observations and rewards as rows."""
-    batch = gym.make_vec(name, 16, autoreset_mode="SameStep", **arguments(name))
+    batch = gym.make_vec(name, 16, autoreset_mode="SameStep", **short(name)[0])
     batch.action_space.seed(0)
     seen, rewards = [batch.reset(seed=0)[0]], []
     for _ in range(30):
@@ -95,9 +88,9 @@ def test_all_four_are_found():
 
 def test_same_seed_same_bits_whatever_is_done_to_what_was_returned(env, name, steps):
     assert any(steps[-1][2:4]), "the episode ends"
-    options = of_class(name, ONE_CASE)
+    options = short(name)[1]
     assert same(episode(env, 5, options, spoil=True), steps)
-    fresh = gym.make(name, **arguments(name))
+    fresh = gym.make(name, **short(name)[0])
     assert same(episode(fresh, 5, options), steps)
     assert not same(episode(env, 6, options), steps)
 
@@ -127,9 +120,9 @@ def test_no_element_is_constant(shaken):
 
 
 def test_no_array_is_returned_twice(env, name):
-    kept = [env.reset(seed=0, options=of_class(name, ONE_CASE))[0]]
+    kept = [env.reset(seed=0, options=short(name)[1])[0]]
     kept += [env.step(env.action_space.low)[0] for _ in range(3)]
-    batch = gym.make_vec(name, 2, **arguments(name))
+    batch = gym.make_vec(name, 2, **short(name)[0])
     kept += [batch.reset(seed=0)[0]]
     kept += [batch.step(batch.action_space.low)[0] for _ in range(3)]
     assert not any(np.shares_memory(a, b) for k, a in enumerate(kept) for b in kept[:k])

@@ -22,11 +22,15 @@ def actions(env: VectorEnv, count: int) -> list[np.ndarray]:
     return list(space.low + share * drawn * (space.high - space.low))
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_a_batch_is_its_single_environments_bit_for_bit(kind, mode):
+@pytest.mark.parametrize(
+    ("mode", "more"),
+    [("NextStep", {}), ("SameStep", {"sensing": "robot", "randomise": {"friction": 0.2}})],
+)
+def test_a_batch_is_its_single_environments_bit_for_bit(kind, mode, more):
     """Against Gymnasium's own SyncVectorEnv of singles: values, masks, resets and all."""
-    batch = kind.make_vec(N, autoreset_mode=mode, **FIXED[kind.name])
-    singles = SyncVectorEnv([lambda: kind.make(**FIXED[kind.name])] * N, autoreset_mode=mode)
+    arguments = {**FIXED[kind.name], **more}
+    batch = kind.make_vec(N, autoreset_mode=mode, **arguments)
+    singles = SyncVectorEnv([lambda: kind.make(**arguments)] * N, autoreset_mode=mode)
     assert batch.metadata["autoreset_mode"] is AutoresetMode(mode)
     assert batch.observation_space == singles.observation_space
     assert batch.action_space == singles.action_space

@@ -5,7 +5,6 @@ Tests of an engine are left out where its package is missing; the rest run with 
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 from importlib.util import find_spec
 from typing import ClassVar
@@ -20,6 +19,7 @@ from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.experiments.engines import ENGINES, Refused, base, engine_named
 from stiction_envs.experiments.engines.base import MuJoCo
 from stiction_envs.friction.export import plain_mjcf
+from tests.command_line import csv_rows
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import sticking
 from tests.refusal import refusal
@@ -64,9 +64,8 @@ def test_another_engine_answers_the_same_questions(copy):
     here, there = (conformance(lugre(), engine=e, settings=SHORT) for e in ("mujoco", "copy"))
     assert dataclasses.replace(here.joints[0], breakaway=()) == there.joints[0]
     assert there.rates == ()
-    assert conformance(lugre(), engine="copy", settings=SHORT, rates=(1.0,)).joints[0].breakaway[
-        0
-    ] == pytest.approx(here.joints[0].breakaway[-1])
+    (joint,) = conformance(lugre(), engine="copy", settings=SHORT, rates=(1.0,)).joints
+    assert joint.breakaway[0] == pytest.approx(here.joints[0].breakaway[-1])
 
 
 def test_rows_name_the_engine_and_its_tolerance(copy, tmp_path):
@@ -74,8 +73,7 @@ def test_rows_name_the_engine_and_its_tolerance(copy, tmp_path):
     assert report.settings.still == STILL_SINGLE > SHORT.still
     assert report.provenance["arguments"]["engine"]["mujoco"] == mujoco.__version__
     report.save(tmp_path / "a")
-    with open(tmp_path / "a" / "conformance.csv", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = csv_rows(tmp_path / "a" / "conformance.csv")
     assert row["engine"] == f"copy {mujoco.__version__}"
     assert row["refused"] == ""
     assert f"in copy {mujoco.__version__}" in str(report)
@@ -109,9 +107,7 @@ def test_a_missing_package_names_its_extra(monkeypatch):
 
 
 def test_actuators_in_groups_that_are_off_are_silenced():
-    text = stock(0.3).replace(
-        "</mujoco>", '<actuator><position joint="j" kp="9" group="30"/></actuator></mujoco>'
-    )
+    text = stock(actuator='<position joint="j" kp="9" group="30"/>')
     model = mujoco.MjModel.from_xml_string(text)
     assert base.silent(model).actuator_gainprm[0, 0] == 9.0
     model.opt.disableactuator = 1 << 30

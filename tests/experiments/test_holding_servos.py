@@ -31,15 +31,12 @@ def light(tmp_path):
     def make(limit=100.0, stiction=0.02, rotor=0.0):
         path = tmp_path / f"light{limit}.xml"
         path.write_text(LIGHT.format(limit=limit), encoding="utf-8")
-        friction = (
-            load_friction("generic", 2)
-            .rigid()
-            .replace(
-                stiction=np.full((2, 2), stiction),
-                bristle_stiffness=np.full(2, 0.2),
-                rotor_inertia=np.full(2, rotor),
-                viscous=np.zeros((2, 2)),
-            )
+        friction = load_friction("generic", 2).rigid()
+        friction = friction.replace(
+            stiction=np.full((2, 2), stiction),
+            bristle_stiffness=np.full(2, 0.2),
+            rotor_inertia=np.full(2, rotor),
+            viscous=np.zeros((2, 2)),
         )
         return build(load_arm(path), friction)
 

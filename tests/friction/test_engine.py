@@ -38,10 +38,14 @@ def shake(rate: float = 0.3, amplitude: float = 0.2, hz: float = 15.0, time: flo
     return rate * t + amplitude * np.sin(2 * np.pi * hz * t)
 
 
-def drag(
-    model: StickingModel, joint: int, path: np.ndarray, start: float = 0.0
+def slide(
+    model: StickingModel, joint: int, v: float, *, start: float = 0.0, time: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Drag one joint along a path (K,) [rad] with a servo; return angle and torque per step."""
+    """Drag one joint with a servo at v [rad/s] for some time [s]; return its angle and torque.
+
+    ``start`` is the angle of joint b [rad].
+    """
+    path = v * DT * np.arange(round(time / DT))
     plant = Plant(model, 1, threads=1)
     q0 = np.zeros((1, 2))
     q0[0, B] = start
@@ -56,13 +60,6 @@ def drag(
     return before, kp * (setpoint[0, :, joint] - before) - kv * speed
 
 
-def slide(
-    model: StickingModel, joint: int, v: float, *, start: float = 0.0, time: float = 1.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """`drag` at constant speed [rad/s] for some time [s]."""
-    return drag(model, joint, v * DT * np.arange(round(time / DT)), start)
-
-
 @pytest.mark.parametrize("joint", [A, B])
 def test_engine_is_the_law_at_the_same_step(joint):
     """Without σ2 MuJoCo's Euler step is the reference's, to rounding."""
@@ -70,36 +67,31 @@ def test_engine_is_the_law_at_the_same_step(joint):
     plant = Plant(model, 1, threads=1)
     torque = shake(time=3.5)
     q = plant.run(command(torque, joint))[0, :, joint]
-    ref, z = simulate_joint(
-        law_of(model, joint), torque, dt=DT, inertia=model.friction_inertia[joint]
-    )
+    inertia = model.friction_inertia[joint]
+    ref, z = simulate_joint(law_of(model, joint), torque, dt=DT, inertia=inertia)
     assert np.abs(ref).max() > 1.0  # far beyond breakaway
     np.testing.assert_allclose(q, ref, rtol=0, atol=1e-11)
     np.testing.assert_allclose(plant.bristle[0, joint], z[-1], rtol=0, atol=1e-14)
 
 
 SPRING = {"rotor_inertia": 0.1, "stiction": 0.8}
-CASES = {
-    "rigid": ({}, {"rate": 0.2, "amplitude": 0.2, "hz": 15.0}),
-    "soft": (
-        SPRING | {"joint_stiffness": [2e3, np.inf]},
-        {"rate": 0.4, "amplitude": 0.3, "hz": 30},
-    ),
-    "stiff": (
-        SPRING | {"joint_stiffness": [1e4, np.inf]},
-        {"rate": 0.4, "amplitude": 0.3, "hz": 30},
-    ),
-}
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_dithered_ramp_against_the_fine_reference(case):
+@pytest.mark.parametrize(
+    ("changes", "profile"),
+    [
+        ({}, (0.2, 0.2, 15.0)),
+        (SPRING | {"joint_stiffness": [2e3, np.inf]}, (0.4, 0.3, 30.0)),
+        (SPRING | {"joint_stiffness": [1e4, np.inf]}, (0.4, 0.3, 30.0)),
+    ],
+    ids=["rigid", "soft", "stiff"],
+)
+def test_dithered_ramp_against_the_fine_reference(changes, profile):
     """At 1 ms the joint, rigid or on a spring, breaks away where the 0.05 ms reference does.
 
     In presliding, under dither, a 1 ms step is a few per cent off; that shrinks with the step.
     """
-    changes, profile = CASES[case]
-    torque = shake(**profile, time=3.6)
+    torque = shake(*profile, time=3.6)
     model = sticking(**changes, viscous=0.1)
     p = model.parameters
     stiffness, rotor = float(p.joint_stiffness[A]), float(p.rotor_inertia[A])
@@ -139,9 +131,8 @@ ASYMMETRIC = {
 @pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
 def test_steady_sliding_torque(v, sign, asymmetric):
     """Dragged at v the joint asks for g(v) + σ2 v, of its own direction."""
-    model = sticking(
-        **(ASYMMETRIC if asymmetric else ASYMMETRIC | {k: p[0] for k, p in ASYMMETRIC.items()})
-    )
+    changes = ASYMMETRIC if asymmetric else {k: p[0] for k, p in ASYMMETRIC.items()}
+    model = sticking(**changes)
     _, torque = slide(model, A, sign * v, time=max(1.5, 0.01 / v))
     law = law_of(model, A, side=0 if sign > 0 else 1)
     assert torque[-200:].mean() == pytest.approx(sign * law.steady(v), rel=2e-3)
@@ -167,10 +158,8 @@ def test_gravity_load_lifts_friction_as_it_moves(low, high):
     v = 0.2
     q, torque = slide(model, B, v, start=0.1, time=7.0)
     late = slice(1000, None, 200)
-    expected = [
-        law_of(model, B, load=np.clip(MASS * 9.81 * ARM * abs(np.sin(x)), low, high)).steady(v)
-        for x in q[late]
-    ]
+    loads = np.clip(MASS * 9.81 * ARM * np.abs(np.sin(q[late])), low, high)
+    expected = [law_of(model, B, load=load).steady(v) for load in loads]
     # load is refreshed every 20 ms; the servo adds a little dynamics
     np.testing.assert_allclose(torque[late], expected, rtol=0.01)
     assert max(expected) > 1.1 * min(expected)
@@ -249,11 +238,9 @@ def sliding_acceleration(integrator: mujoco.mjtIntegrator) -> float:
     """Acceleration [rad/s²] of a sliding joint a under 3 N·m."""
     model = copy.copy(sticking(bristle_damping_ratio=1.0).model)
     model.opt.integrator = integrator
-    torque = np.array([3.0, 0.0])
-    times = [np.arange(500) * DT]
-    parts = list(rollout(model, np.zeros((1, 2)), lambda t: np.tile(torque, (1, len(t), 1)), times))
-    q = np.concatenate([p["qpos"] for p in parts], axis=1)[0, :, A]
-    return float(np.diff(q, 2)[-1] / DT**2)
+    torque = command(np.full(500, 3.0))
+    (part,) = rollout(model, np.zeros((1, 2)), lambda t: torque, [np.arange(500) * DT])
+    return float(np.diff(part["qpos"][0, :, A], 2)[-1] / DT**2)
 
 
 def test_implicit_integrators_add_phantom_inertia():

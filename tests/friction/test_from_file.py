@@ -40,18 +40,17 @@ def test_an_arm_of_a_file_that_states_nothing_has_generic_friction(tmp_path: Pat
     assert all(np.array_equal(getattr(own, q), getattr(generic, q)) for q in QUANTITIES)
 
 
+STATED = 'armature="0.05" damping="0.7" frictionloss="1.3"'
+
+
 def test_stated_friction_and_rotors_replace_generic_ones(tmp_path: Path):
-    all_of_it = 'armature="0.05" damping="0.7" frictionloss="1.3"'
-    own = own_friction(arm_of(tmp_path, all_of_it, all_of_it.replace("1.3", "0.4")))
+    """Sources tell the file from the numbers that are assumed."""
+    own = own_friction(arm_of(tmp_path, STATED, STATED.replace("1.3", "0.4")))
     np.testing.assert_array_equal(own.stiction, [[1.3, 1.3], [0.4, 0.4]])
     np.testing.assert_array_equal(own.coulomb_ratio, 1.0)
     np.testing.assert_array_equal(own.viscous, 0.7)
     np.testing.assert_array_equal(own.rotor_inertia, 0.05)
     assert not own.ripple_amplitude.any()
-
-
-def test_sources_tell_the_file_from_what_is_assumed(tmp_path: Path):
-    own = own_friction(arm_of(tmp_path, 'armature="0.05" damping="0.7" frictionloss="1.3"'))
     sources, _ = friction_sources(own)
     file = {k for k, x in sources.items() if x.startswith("the robot's file")}
     assert {"stiction", "viscous", "rotor_inertia"} <= file
@@ -68,7 +67,7 @@ def test_without_stated_dry_friction_it_stays_assumed(tmp_path: Path):
 
 
 def test_a_report_of_simulations_says_what_was_taken(tmp_path: Path):
-    arm = arm_of(tmp_path, 'armature="0.05" damping="0.7" frictionloss="1.3" stiffness="9"')
+    arm = arm_of(tmp_path, f'{STATED} stiffness="9"')
     own = own_friction(arm)
     taken = "rotor inertia 0.05 0 kg·m², dry friction 1.3 0 N·m, damping 0.7 0 N·m·s/rad, springs"
     assert simulated_note(arm, own).startswith(f"own: taken from the file: {taken} 9 0 N·m/rad; in")
@@ -84,15 +83,14 @@ def test_shipped_friction_takes_the_rotors_of_the_file(tmp_path: Path):
 
 
 def test_an_export_read_again_has_the_same_friction(tmp_path: Path):
-    arm = arm_of(tmp_path, 'armature="0.05" damping="0.7" frictionloss="1.3"', 'damping="0.2"')
+    arm = arm_of(tmp_path, STATED, 'damping="0.2"')
     first = sticking_model(arm)
     path = tmp_path / "model.xml"
     path.write_text(export(arm).xml, "utf-8")
     again = sticking_model(path)
     for name in ("stiction", "coulomb_ratio", "viscous", "bristle_stiffness", "rotor_inertia"):
-        np.testing.assert_allclose(
-            getattr(again.parameters, name), getattr(first.parameters, name), rtol=1e-9
-        )
+        one, other = (getattr(model.parameters, name) for model in (first, again))
+        np.testing.assert_allclose(other, one, rtol=1e-9)
 
 
 def test_the_friction_of_a_registered_arm_is_its_own():

@@ -6,16 +6,28 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from stiction_envs.friction.lone_joint import LoneJoints, breakaway, bristle_after
 from stiction_envs.friction.parameters import bristle_damping
 from stiction_envs.hidden.friction_law import LuGre
 from tests.hidden.one_joint import simulate_joint
 
+THRESHOLD = 0.15
+"""Angle from which a joint counts as moved [rad]."""
+DRY = {
+    "coulomb_ratio": 1.0,
+    "viscous": 0.0,
+    "bristle_stiffness": 1e4,
+    "link_inertia": 1e-6,
+    "lowpass_hz": np.inf,
+}
+"""A joint of dry friction on stiff bristles that has nearly no link."""
+
 
 def joints(**changes: Any) -> LoneJoints:
     """Joints of 0.6 N·m on bristles of 1000 N·m/rad; arguments broadcast."""
-    values: dict[str, Any] = {
+    values = {
         "stiction": 0.6,
         "coulomb_ratio": 0.85,
         "stribeck_velocity": 0.01,
@@ -42,18 +54,15 @@ def joints(**changes: Any) -> LoneJoints:
     return LoneJoints(**columns)
 
 
-def reference(c: LoneJoints, hold: int, threshold: float, longest: float) -> np.ndarray:
+def reference(c: LoneJoints, hold: int) -> np.ndarray:
     """Return the same torques from `simulate_joint` at 0.05 ms."""
     h = 5e-5
-    t = np.arange(int(longest / h)) * h
+    t = np.arange(50_000) * h
     held = np.floor(t / (hold * 1e-3) + 1e-9) * hold * 1e-3
     rate = c.ramp_rate[0]
     command = rate * held[:, None] + c.amplitude * np.sin(2 * np.pi * c.frequency * held[:, None])
-    gain = h / (h + 1 / (2 * np.pi * c.lowpass_hz))
-    filtered, y = np.empty_like(command), np.zeros(command.shape[1])
-    for k, u in enumerate(command):
-        y = y + gain * (u - y)
-        filtered[k] = y
+    gain = h / (h + 1 / (2 * np.pi * c.lowpass_hz[0]))
+    filtered = lfilter([gain], [1.0, gain - 1.0], command, axis=0)
     rigid = bool(np.isinf(c.joint_stiffness[0]))
     law = LuGre(
         stiction=c.stiction,
@@ -72,7 +81,7 @@ def reference(c: LoneJoints, hold: int, threshold: float, longest: float) -> np.
         link_inertia=c.link_inertia,
         damping=float(c.joint_damping[0]),
     )
-    return rate * t[(q >= threshold).argmax(axis=0)]
+    return rate * t[(q >= THRESHOLD).argmax(axis=0)]
 
 
 @pytest.mark.parametrize(
@@ -86,25 +95,16 @@ def test_the_lone_joint_agrees_with_the_reference(stiffness, link, hold):
         joint_damping=0.3 * np.sqrt(1e4 * 0.1),
         link_inertia=link,
     )
-    found = breakaway(c, threshold=0.15, longest=5.0, hold=hold)
-    np.testing.assert_allclose(found, reference(c, hold, 0.15, 2.5), rtol=0.02)
+    found = breakaway(c, threshold=THRESHOLD, longest=5.0, hold=hold)
+    np.testing.assert_allclose(found, reference(c, hold), rtol=0.02)
 
 
 def test_without_dither_it_reads_friction_and_the_slide():
     """Law checked: one level F, no viscous friction: θ = r t³/6J after F, so τ = F + r(6Jθ/r)^⅓."""
-    inertia, rate, threshold = np.array([0.05, 0.2, 1.0]), 0.07, 0.15
-    c = joints(
-        stiction=0.8,
-        coulomb_ratio=1.0,
-        viscous=0.0,
-        bristle_stiffness=1e4,
-        rotor_inertia=inertia,
-        link_inertia=1e-6,
-        ramp_rate=rate,
-        lowpass_hz=np.inf,
-    )
-    found = breakaway(c, threshold=threshold, longest=20.0)
-    slide = rate * np.cbrt(6 * inertia * threshold / rate)
+    inertia, rate = np.array([0.05, 0.2, 1.0]), 0.07
+    c = joints(**DRY, stiction=0.8, rotor_inertia=inertia, ramp_rate=rate)
+    slide = rate * np.cbrt(6 * inertia * THRESHOLD / rate)
+    found = breakaway(c, threshold=THRESHOLD, longest=20.0)
     np.testing.assert_allclose(found, 0.8 + slide, rtol=0.005)
 
 
@@ -117,7 +117,7 @@ def test_a_very_stiff_spring_is_a_rigid_joint():
         bristle_damping=10.0,
         ramp_rate=0.1,
     )
-    rigid, stiff = breakaway(c, threshold=0.15, longest=10.0).reshape(2, 2)
+    rigid, stiff = breakaway(c, threshold=THRESHOLD, longest=10.0).reshape(2, 2)
     np.testing.assert_allclose(stiff, rigid, rtol=0.01)
     assert rigid[1] < 0.9 * rigid[0]
 
@@ -125,29 +125,9 @@ def test_a_very_stiff_spring_is_a_rigid_joint():
 def test_torque_rate_limit_takes_dither_away_only_where_it_is_reached():
     """1.5 N·m at 50 Hz changes by 471 N·m/s at most."""
     c = joints(amplitude=1.5, frequency=50.0, torque_rate=np.array([np.inf, 480.0, 200.0]))
-    full, reached, limited = breakaway(c, threshold=0.15, longest=5.0)
+    full, reached, limited = breakaway(c, threshold=THRESHOLD, longest=5.0)
     assert reached == full
     assert full < limited
-
-
-RATE, THRESHOLD = 0.1, 0.15
-"""Rate of the ramp [N·m/s]; angle from which a joint counts as moved [rad]."""
-
-
-def dry(threshold: float = THRESHOLD, **changes: Any) -> np.ndarray:
-    """Return breakaway torques of joints with 1 N·m of dry friction, stiff bristles."""
-    values: dict[str, Any] = {
-        "stiction": 1.0,
-        "coulomb_ratio": 1.0,
-        "viscous": 0.0,
-        "bristle_stiffness": 1e4,
-        "rotor_inertia": 0.1,
-        "link_inertia": 1e-6,
-        "ramp_rate": RATE,
-        "lowpass_hz": np.inf,
-        **changes,
-    }
-    return breakaway(joints(**values), threshold=threshold, longest=40.0)
 
 
 def test_fast_dither_takes_friction_away_as_averaging_says():
@@ -157,11 +137,12 @@ def test_fast_dither_takes_friction_away_as_averaging_says():
     J the first harmonics balance, |iωJV + 4F/π| = A. The stroke V/ω is above 10 times the bristles'
     F/σ0, and A above F, so that the joint slides to and fro.
     """
-    amplitude, frequency = np.array([2.0, 3.0, 5.0]), 20.0
+    amplitude, frequency, rate = np.array([2.0, 3.0, 5.0]), 20.0, 0.1
     speed = np.sqrt(amplitude**2 - (4 / np.pi) ** 2) / (2 * np.pi * frequency * 0.1)
     assert (speed / (2 * np.pi * frequency) > 9.5e-4).all()
-    theory = 2 / np.pi * np.arccos(1 - np.pi * RATE * THRESHOLD / (2 * speed))
-    found = dry(amplitude=amplitude, frequency=frequency)
+    theory = 2 / np.pi * np.arccos(1 - np.pi * rate * THRESHOLD / (2 * speed))
+    c = joints(**DRY, stiction=1.0, amplitude=amplitude, frequency=frequency, ramp_rate=rate)
+    found = breakaway(c, threshold=THRESHOLD, longest=40.0)
     np.testing.assert_allclose(found, theory, rtol=0.05)
 
 

@@ -69,21 +69,14 @@ def reference(asymmetric: bool) -> np.ndarray:
 
 @pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
 @pytest.mark.parametrize(
-    ("rows", "threads"), [([63], 1), ([9, 3, 40, 41, 8, 2, 60], 2)], ids=["one", "seven"]
+    ("rows", "threads", "blocks"),
+    [([63], 1, [K]), ([9, 3, 40, 41, 8, 2, 60], 2, [K]), ([4, 50, 7], 2, [7, 1, 1, 98, 23])],
+    ids=["one", "seven", "blocks"],
 )
-def test_same_bits_in_any_batch(rows, threads, asymmetric):
-    """Batch size, position in the batch and threads change nothing, bit for bit."""
-    out = angles(rows, threads, [K], asymmetric)
+def test_same_bits_in_any_batch_and_blocks(rows, threads, blocks, asymmetric):
+    """Batch size, position in the batch, threads and blocks change nothing, bit for bit."""
+    out = angles(rows, threads, blocks, asymmetric)
     assert out.tobytes() == reference(asymmetric)[rows].tobytes()
-
-
-@pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
-def test_same_bits_in_any_blocks(asymmetric):
-    rows = [4, 50, 7]
-    assert (
-        angles(rows, 2, [7, 1, 1, 98, 23], asymmetric).tobytes()
-        == reference(asymmetric)[rows].tobytes()
-    )
 
 
 def test_subset_leaves_the_others_alone():
@@ -113,7 +106,7 @@ def test_subset_leaves_the_others_alone():
 def test_reset_forgets_everything():
     """After a reset a simulation that has run is a new one."""
     q, p, torque = mixed(asymmetric=True)
-    plant = Plant(panda(), 2, parameters=some(p, [0, 1]), threads=1)
+    plant = started(q[[5, 6]], some(p, [0, 1]), 1)
     plant.run(torque[[5, 6]])
     plant.reset(np.arange(2), q[:2])
     plant.set_friction(np.arange(2), some(p, [0, 1]))

@@ -12,7 +12,6 @@ from stiction_envs.plant.loop_batch import LoopBatch, advance, take_fields
 from stiction_envs.robots.stated import COULOMB
 
 VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
-N = 3
 READ = ("xanchor", "xaxis", "xquat", "subtree_com", "qacc", "qfrc_passive", "qfrc_actuator")
 
 
@@ -21,17 +20,16 @@ def sticking():
     return sticking_model("panda")
 
 
-def both(sticking) -> tuple[Batch, LoopBatch]:
-    """Return the same three arms in either batch, each with friction of its own."""
-    batches = (
-        Batch(sticking.model, N, 1, persistent=True),
-        LoopBatch(sticking.model, N, threads=1),
-    )
+def both(sticking, n: int = 3, threads: int = 1) -> tuple[Batch, LoopBatch]:
+    """Return the same n arms in either batch, each with a pose and a friction of its own."""
+    model = sticking.model
+    batches = Batch(model, n, 1, persistent=True), LoopBatch(model, n, threads=threads)
+    factor, apart = np.geomspace(0.5, 2.0, n)[:, None], 0.01 * np.arange(n)[:, None]
     for b in batches:
         for name in READ:
             b.bind(name)
-        b.expand("actuator_biasprm")[:, sticking.torque_actuator, COULOMB] *= [[0.5], [1.0], [2.0]]
-        b.bind("qpos")[:, sticking.motor] = sticking.arm.rest
+        b.expand("actuator_biasprm")[:, sticking.torque_actuator, COULOMB] *= factor
+        b.bind("qpos")[:, sticking.motor] = sticking.arm.rest + apart
         b.forward(stage=VEL)
     return batches
 
@@ -43,7 +41,8 @@ def same(one: Batch, other: Batch) -> bool:
 
 def drive(batches, k: int, sticking) -> None:
     for b in batches:
-        b.bind("ctrl")[:, sticking.torque_actuator] = 20.0 * np.sin(0.3 * k + np.arange(N))[:, None]
+        phase = 0.3 * k + np.arange(len(b.bind("qpos")))
+        b.bind("ctrl")[:, sticking.torque_actuator] = 20.0 * np.sin(phase)[:, None]
 
 
 def step(batches: tuple[Batch, LoopBatch], nstep: int = 1) -> None:
@@ -71,19 +70,12 @@ def test_it_steps_as_mujoco_does(sticking):
 
 
 def test_parts_are_stepped_in_any_order(sticking):
-    one = Batch(sticking.model, 9, 1, persistent=True)
-    other = LoopBatch(sticking.model, 9, threads=2)
-    for b in (one, other):
-        for name in READ:
-            b.bind(name)
-        b.bind("qpos")[:, sticking.motor] = sticking.arm.rest + 0.01 * np.arange(9)[:, None]
-        b.forward(stage=VEL)
-    assert [s.stop - s.start for s in other.parts] == [5, 4]
+    batches = both(sticking, 9, threads=2)
+    assert [s.stop - s.start for s in batches[1].parts] == [5, 4]
     for k in range(6):
-        for b in (one, other):
-            b.bind("ctrl")[:, sticking.torque_actuator] = 10.0 * np.sin(k + np.arange(9))[:, None]
-        step((one, other))
-        assert same(one, other)
+        drive(batches, k, sticking)
+        step(batches)
+        assert same(*batches)
 
 
 def test_a_stopped_simulation_is_told_of_until_it_is_reset(sticking):

@@ -12,7 +12,12 @@ import pytest
 
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Configuration, Job, load_protocol
+from stiction_envs.experiments.sje.protocol import (
+    Configuration,
+    Job,
+    configurations,
+    load_protocol,
+)
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.plant import SLOW_STEPS, Plant
@@ -78,24 +83,20 @@ def test_gravity_compensation_holds_an_arm_without_friction():
 
 def test_gravity_error_and_offset_are_torques_on_the_link():
     """offset + gravity_error · g(q) is the motor torque that balances the joint."""
-    model = sticking(pendulum(), stiction=1e-6, offset=[0.0, 0.3], gravity_error=[0.0, 0.05],
-                     load_high=1e9)  # fmt: skip
-    plant = Plant(model, 1, threads=1)
+    changes = {"offset": [0.0, 0.3], "gravity_error": [0.0, 0.05], "load_high": 1e9}
+    plant = Plant(sticking(pendulum(), stiction=1e-6, **changes), 1, threads=1)
     plant.reset(ONE, [[0.0, 0.8]])
     # hinge about x, mass above it: gravity pulls towards larger q, so g(q) is negative
     g = -2.0 * 9.81 * 0.5 * np.sin(0.8)
     assert plant.offset[0, 1] == pytest.approx(0.3 + 0.05 * g)
-    torque = np.zeros((1, 20, 2))
-    torque[0, :, 1] = 0.3 + 0.05 * g
-    assert np.abs(plant.run(torque)[0, :, 1] - 0.8).max() < 1e-9
+    balance = np.tile([0.0, 0.3 + 0.05 * g], (1, 20, 1))
+    assert np.abs(plant.run(balance)[0, :, 1] - 0.8).max() < 1e-9
     assert np.abs(plant.run(np.zeros((1, 100, 2)))[0, -1, 1] - 0.8) > 1e-4
 
 
 def test_without_friction_a_joint_is_torque_over_inertia():
     plant = Plant(sticking(stiction=1e-6), 1, threads=1)
-    torque = np.zeros((1, 500, 2))
-    torque[0, :, 0] = 0.7
-    q = plant.run(torque)[0]
+    q = plant.run(np.tile([0.7, 0.0], (1, 500, 1)))[0]
     acceleration = np.diff(q[:, 0], 2) / DT**2
     np.testing.assert_allclose(acceleration[10:], 0.7 / (J_A + 0.05), rtol=1e-4)
     assert q[-1, 0] == pytest.approx(0.7 / (J_A + 0.05) * 0.5**2 / 2, rel=0.01)
@@ -218,12 +219,7 @@ def test_slow_updates_are_fast_enough(monkeypatch):
 
     A fast ramp moves the joint faster, so this is the harder case.
     """
-    jobs = [
-        Job(Configuration(joint, load, direction))
-        for joint in (2, 4)
-        for load in ("load", "no_load")
-        for direction in ("+", "-")
-    ]
+    jobs = [Job(c) for c in configurations(7, [2, 4])]
     usual = first_torques(jobs, ramp_rate=0.2)
     monkeypatch.setattr(plant_module, "SLOW_STEPS", 1)
     np.testing.assert_allclose(usual, first_torques(jobs, ramp_rate=0.2), rtol=2e-3)

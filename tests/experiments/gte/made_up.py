@@ -15,8 +15,8 @@ DITHER = (AmplitudeRow(7, 15.0, 0.5),)
 def made_up(
     error: np.ndarray | None = None,
     *,
-    accepted: tuple[float, ...] | list[list[float]] = (0.0, 2.0, 4.0),
-    reached: tuple[float, ...] | list[list[float]] = (2.0, 4.0, 6.0),
+    accepted: tuple[float, ...] = (0.0, 2.0, 4.0),
+    reached: tuple[float, ...] = (2.0, 4.0, 6.0),
     iterations: int = 2,
     dithered: bool = False,
     trajectory: str = "triangle",
@@ -35,14 +35,13 @@ def made_up(
     reference[..., 3] = np.pi  # a flange that looks down: roll jumps between -pi and pi
     actual = reference + error
     actual[..., 3] -= 2 * np.pi * (actual[..., 3] > np.pi)
-    goals = np.broadcast_to(accepted, (iterations, 3)), np.broadcast_to(reached, (iterations, 3))
     return Run(
         case=Case(trajectory=trajectory, stiffness=stiffness, dither=DITHER if dithered else ()),
         time=time,
         reference=reference,
         actual=actual,
-        accepted=np.array(goals[0], dtype=float),
-        reached=np.array(goals[1], dtype=float),
+        accepted=np.tile(accepted, (iterations, 1)),
+        reached=np.tile(reached, (iterations, 1)),
         mean_square=np.tile([9e-6, 16e-6, 0.0, 0.0, 0.0, 144e-6], (iterations, count, 1)),
         dither_power=np.full((iterations, count), 2.0),
         torque_rate=np.tile(np.arange(1.0, 8.0), (iterations, 1)),

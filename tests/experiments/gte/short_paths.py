@@ -13,15 +13,12 @@ from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
 from stiction_envs.measured.tables import AmplitudeRow
+from stiction_envs.robots import Arm
 
 STILL = np.array([1.0, 0.0, 0.0, 0.0])
 SOFT, STIFF = (200.0, 20.0, 0.0), (400.0, 40.0, 0.0)
-DITHER = tuple(
-    AmplitudeRow(k + 1, f, a)
-    for k, (f, a) in enumerate(
-        zip((50, 30, 30, 50, 15, 15, 15), (0.9, 1.2, 1.6, 2.0, 0.9, 0.6, 0.8), strict=True)
-    )
-)
+FREQUENCIES, AMPLITUDES = (50, 30, 30, 50, 15, 15, 15), (0.9, 1.2, 1.6, 2.0, 0.9, 0.6, 0.8)
+DITHER = tuple(map(AmplitudeRow, range(1, 8), FREQUENCIES, AMPLITUDES))
 
 
 def through(name: str, *goals: tuple[float, float, float]) -> Path:
@@ -54,17 +51,14 @@ def friction(robot: str = "panda", kind: str = "rigid") -> FrictionParameters:
     )
 
 
-def bench(robot: str = "panda", kind: str = "rigid", **options: object):
+def bench(
+    robot: str | Arm = "panda", kind: str = "rigid", *, tail: float = 1.0, **options: object
+) -> GeneratedTrajectoryExperiment:
     """A bench of short paths; ``tail`` is of the protocol."""
-    tail = options.pop("tail", None)
     name = robot if isinstance(robot, str) else robot.name
-    protocol = load_gte_protocol()
-    if tail is not None:
-        protocol = protocol.replace(tail=tail)
-    return GeneratedTrajectoryExperiment(
-        robot,
-        **{"friction": friction(name, kind), "paths": PATHS, "protocol": protocol} | options,
-    )
+    usual = {"friction": friction(name, kind), "paths": PATHS}
+    protocol = load_gte_protocol().replace(tail=tail)
+    return GeneratedTrajectoryExperiment(robot, **{**usual, "protocol": protocol, **options})
 
 
 def one(b: GeneratedTrajectoryExperiment, case: Case, iterations: int = 1) -> Run:

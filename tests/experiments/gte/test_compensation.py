@@ -29,10 +29,9 @@ def test_compensation_reduces_what_friction_leaves():
     kinds = ("feedforward", "push")
     runs = b.run([case, *(with_(case, b.compensation(k)) for k in kinds)], iterations=1)
     none, feedforward, push = (measure(run, b.protocol) for run in runs)
-    norm = [np.linalg.norm(m.rms[0, :3]) for m in (none, feedforward)]
-    assert norm[1] < 0.75 * norm[0]
-    left = [np.linalg.norm(m.settling[0, -1, :3]) for m in (none, push)]
-    assert left[1] < 0.5 * left[0]
+    assert np.linalg.norm(feedforward.rms[0, :3]) < 0.75 * np.linalg.norm(none.rms[0, :3])
+    left, undithered = (np.linalg.norm(m.settling[0, -1, :3]) for m in (push, none))
+    assert left < 0.5 * undithered
     assert push.shaking_at_rest[0] < 1.2 * none.shaking_at_rest[0]
 
 

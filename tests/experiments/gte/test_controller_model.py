@@ -19,9 +19,7 @@ def bias(arm: Arm, q: np.ndarray, dq: np.ndarray) -> tuple[np.ndarray, np.ndarra
     data, mass = mujoco.MjData(model), np.zeros((model.nv, model.nv))
     data.qpos[:], data.qvel[:] = q, dq
     mujoco.mj_forward(model, data)
-    for row, (start, count) in enumerate(zip(model.M_rowadr, model.M_rownnz, strict=True)):
-        columns = model.M_colind[start : start + count]
-        mass[row, columns] = mass[columns, row] = data.M[start : start + count]
+    mujoco.mj_fullM(model, data, mass)
     return mass, data.qfrc_bias.copy()
 
 

@@ -96,19 +96,11 @@ def test_friction_leaves_a_standing_error():
 
 def test_dither_reduces_the_standing_error_and_shakes():
     b = bench(tail=3.0)
-    plain, shaken = b.run(
-        [
-            Case(trajectory="there", stiffness=SOFT, dither=d)
-            for d in ((), tuple(AmplitudeRow(r.joint, 15.0, 3 * r.amplitude_nm) for r in DITHER))
-        ],
-        iterations=2,
-    )
-    a, d = measure(plain, b.protocol), measure(shaken, b.protocol)
-    norm = (
-        np.linalg.norm(a.settling[:, -1, :3], axis=1),
-        np.linalg.norm(d.settling[:, -1, :3], axis=1),
-    )
-    assert np.all(norm[1] < 0.7 * norm[0])
+    strong = tuple(AmplitudeRow(r.joint, 15.0, 3 * r.amplitude_nm) for r in DITHER)
+    cases = [Case(trajectory="there", stiffness=SOFT, dither=rows) for rows in ((), strong)]
+    a, d = (measure(run, b.protocol) for run in b.run(cases, iterations=2))
+    plain, shaken = (np.linalg.norm(m.settling[:, -1, :3], axis=1) for m in (a, d))
+    assert np.all(shaken < 0.7 * plain)
     assert np.all(d.shaking > 2 * a.shaking)
     assert not a.dither_energy.any()
     assert np.all(d.dither_energy > 0)
@@ -147,8 +139,7 @@ def test_phases_are_drawn_for_every_joint_and_iteration():
 def test_start_lies_within_limits(robot):
     arm = load_arm(robot)
     low, high = arm.limits.position.T
-    start = arm.rest
-    assert np.all((start > low + 0.15) & (start < high - 0.15))
+    assert np.all((arm.rest > low + 0.15) & (arm.rest < high - 0.15))
 
 
 def test_bad_cases(tmp_path):

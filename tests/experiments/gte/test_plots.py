@@ -11,37 +11,20 @@ from stiction_envs.experiments.gte.protocol import AXES
 from tests.experiments.gte.made_up import made_up
 
 
-def pair(**changes: object):
-    """A run without dither, and one with it, of different errors."""
-    rng = np.random.default_rng(0)
-    noise = 1e-3 * rng.normal(size=(2, 700, 6))
-    return (
-        made_up(2e-3 + noise, **changes),
-        made_up(
-            1e-3 + noise,
-            dithered=True,
-            **{"accepted": (0.0, 1.9, 3.8), "reached": (1.9, 3.8, 5.7)} | changes,
-        ),
-    )
-
-
 @pytest.fixture
 def drawn(monkeypatch) -> list[Figure]:
-    """Figures as they would be saved."""
+    """Figures that are not saved."""
     figures: list[Figure] = []
-
-    def keep(figure, path):
-        figure.draw_without_rendering()
-        figures.append(figure)
-
-    monkeypatch.setattr(gte_plots, "save_full", keep)
+    monkeypatch.setattr(gte_plots, "save_full", lambda figure, path: figures.append(figure))
     return figures
 
 
 @pytest.mark.parametrize("orientation", [False, True])
 def test_errors_against_time(drawn, orientation):
     """One panel per axis in mm or mrad, a line per run, purple dots at every accepted goal."""
-    runs = pair()
+    noise = 1e-3 * np.random.default_rng(0).normal(size=(2, 700, 6))
+    times = {"accepted": (0.0, 1.9, 3.8), "reached": (1.9, 3.8, 5.7)}
+    runs = made_up(2e-3 + noise), made_up(1e-3 + noise, dithered=True, **times)
     gte_plots.plot_errors(runs, "a.png", robot="panda", orientation=orientation)
     (figure,) = drawn
     assert len(figure.axes) == 3

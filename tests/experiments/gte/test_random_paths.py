@@ -21,11 +21,6 @@ from stiction_envs.precomputed import store
 STRAIGHT = np.array([[1.0, 0.0, 0.0, 0.0]])
 
 
-def of(robot: str) -> tuple:
-    e = GeneratedTrajectoryExperiment(robot)
-    return e.sticking, e.start, e.tool
-
-
 @pytest.fixture
 def nothing_known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STICTION_CACHE", "off")
@@ -34,7 +29,8 @@ def nothing_known(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("robot", ["panda", "iiwa7"])
 def test_a_number_is_the_same_path_whoever_asks(robot, nothing_known):
-    arm = of(robot)
+    e = GeneratedTrajectoryExperiment(robot)
+    arm = e.sticking, e.start, e.tool
     many = random_paths(*arm, range(40, 56))
     assert list(many) == list(range(40, 56))
     store.forget()
@@ -53,9 +49,8 @@ def test_paths_are_as_the_settings_say():
     assert counts == set(range(s.fewest_goals, s.most_goals + 1))
     farthest = max(np.linalg.norm(d.path.position, axis=1).max() for d in drawn)
     assert s.largest < farthest < 1.5 * s.largest
-    pace, stiffness = (
-        np.array([v(d) for d in drawn]) for v in (lambda d: d.path.pace, lambda d: d.stiffness)
-    )
+    pace = np.array([d.path.pace for d in drawn])
+    stiffness = np.array([d.stiffness for d in drawn])
     assert s.slowest < pace.min() < 0.65 < 0.95 < pace.max() < 1
     assert 100 < stiffness[:, 0].min() < 110
     assert 730 < stiffness[:, 0].max() < 800

@@ -36,9 +36,8 @@ def test_shares_are_of_what_is_left_without_dither(report):
     shaken = made_up(constant(3e-3, 0.0, 0.0, 0.002, 0.0, 0.0), dithered=True)
     text, page = report(plain, shaken)
     verdict = text.splitlines()[2]
-    assert verdict.startswith(
-        "**Dither** leaves 60 % of the position error and 20 % of the orientation"
-    )
+    start = "**Dither** leaves 60 % of the position error and 20 % of the orientation"
+    assert verdict.startswith(start)
     assert "13.000 mm of vibration (13.000 mm at rest)" in verdict
     assert "| y [mm] | 4.00 | 0 (−100 %) |" in text
     assert "| roll [rad] | 2.00 ± 0.00 | 0.400 ± 0.000 (−80 %) |" in text

@@ -121,9 +121,8 @@ def test_dither_power_and_torque_rate():
         rate.append(np.abs(rig.applied[0] - before) / 1e-3)
         before = rig.applied[0].copy()
     stride = round(1000 / b.protocol.sample_rate)
-    np.testing.assert_allclose(
-        run.dither_power[0, : 100 // stride], np.reshape(power, (-1, stride)).mean(axis=1)
-    )
+    expected = np.reshape(power, (-1, stride)).mean(axis=1)
+    np.testing.assert_allclose(run.dither_power[0, : 100 // stride], expected)
     assert np.all(run.torque_rate[0] >= np.max(rate, axis=0) - 1e-9)
     assert run.torque_rate[0].max() < 2 * np.max(rate)
 

@@ -15,15 +15,7 @@ from stiction_envs.measured.tables import BaseTable
 from stiction_envs.measured.thesis_tables import thesis_base
 from stiction_envs.robots import load_arm
 from tests.refusal import refusal
-
-TWO_LINKS = """
-<mujoco model="two"><compiler angle="radian"/><worldbody>
-  <body name="upper"><joint name="j1" axis="0 1 0" range="-2 2"/>
-    <geom type="capsule" fromto="0 0 0 0 0 0.4" size="0.04" mass="4"/>
-    <body name="lower" pos="0 0 0.45"><joint name="j2" axis="0 1 0" range="-2.5 2.5"/>
-      <geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="2"/></body></body>
-</worldbody></mujoco>
-"""
+from tests.robots.arms import TWO
 
 
 @pytest.mark.slow
@@ -57,7 +49,7 @@ def test_means_of_32_iterations_with_scatter_are_within_3_percent(robot, joints)
 def experiment(tmp_path_factory):
     """A two-joint arm with made-up friction, and a fast ramp."""
     path = tmp_path_factory.mktemp("arm") / "small.xml"
-    path.write_text(TWO_LINKS)
+    path.write_text(TWO)
     protocol = load_protocol("small").replace(ramp_rate=1.0, iterations=2, return_time=0.3)
     return SingleJointExperiment(load_arm(path), protocol=protocol, scatter=False)
 

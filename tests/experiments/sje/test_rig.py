@@ -45,10 +45,10 @@ def test_gate_is_closed_by_the_speed_of_every_cycle(rate_hz):
             cycle = step // interface.hold_steps * interface.hold_steps
             if step == cycle:
                 speed = now
-            wave = A * np.sin(2 * np.pi * F * cycle * 1e-3) * np.exp(-((speed / GATE) ** 2))
+            closed.append(np.exp(-((speed / GATE) ** 2)))
+            wave = A * np.sin(2 * np.pi * F * cycle * 1e-3) * closed[-1]
             expected = rig.start_torque[0] + rig.protocol.ramp_rate * cycle * 1e-3 + wave
             assert value == pytest.approx(expected, abs=1e-9)
-            closed.append(np.exp(-((speed / GATE) ** 2)))
             step += 1
     assert min(closed) < 0.8  # it shook fast enough for the gate to matter
 
