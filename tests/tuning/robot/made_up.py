@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from tuning.robot import posterior
 from tuning.robot.posterior import Candidates, Posterior, Readings
 from tuning.settings import tuning_settings
 
@@ -32,12 +31,4 @@ def read(truth: np.ndarray, settings: list[int]) -> Readings:
 
 
 def posterior_of(candidates: Candidates, readings: Readings) -> Posterior:
-    return posterior.posterior_of(candidates, readings, S)
-
-
-def next_settings(candidates: Candidates, readings: Readings, count: int = 1) -> list[int]:
-    return posterior.next_settings(candidates, readings, count, S)
-
-
-def may_stop(found: Posterior, readings: Readings) -> bool:
-    return posterior.chance_of_better(found, readings, S) < 1.0 - S.confidence
+    return Posterior(candidates, readings, S)
