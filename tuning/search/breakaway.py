@@ -146,8 +146,9 @@ class BreakawayObjective:
 
     def outcome(self, row: AmplitudeRow, found: Breakaway) -> TrialOutcome:
         """Return the stored outcome of a setting."""
-        limit = self.displacement[row.joint - 1]
-        shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
+        shaken = float(
+            found.displacement / self.displacement[row.joint - 1] - 1.0
+        )  # -1 where there is no limit
         rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
         price = (found.displacement,) if self.pareto else ()
         return TrialOutcome(

@@ -27,7 +27,7 @@ from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import frictions
 from tuning.search.tracking import Place, TrackingObjective, Treatment
 from tuning.search.trials import best, front, score, write_trials
-from tuning.search.verify import NOTHING, Tracked, Unseen, Verified, another_start
+from tuning.search.verify import AT_REST, NOTHING, Tracked, Unseen, Verified, another_start
 from tuning.settings import TuningSettings
 from tuning.study.record import Parameters, Record, Space, TrialSearch
 from tuning.study.samplers import cells, sampler
@@ -317,7 +317,7 @@ class SearchStages:
             for name in self.treatments
             if self.left(tracking, name) < 1.0
             and all(
-                result.vibration_at_rest_m <= tracking[NOTHING][path].vibration_at_rest_m + margin
+                result.totals[AT_REST] <= tracking[NOTHING][path].totals[AT_REST] + margin
                 for path, result in tracking[name].items()
             )
         ]
@@ -329,7 +329,7 @@ class SearchStages:
         The mean is over position and orientation at all goals.
         """
         unseen = [r for path, r in tracking[name].items() if path not in TUNED]
-        values = [x for r in unseen for x in (r.position[0], r.orientation[0])]
+        values = [r.left[x][0] for r in unseen for x in ("position", "orientation")]
         return float(np.exp(np.mean(np.log(values))))
 
     def needs(self, name: str) -> str:

@@ -17,6 +17,7 @@ from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.robots import Arm
 from tuning.search.bounds import Bounds, Table
@@ -25,28 +26,18 @@ from tuning.search.tracking import TrackingObjective, Treatment
 from tuning.settings import SearchSettings
 from tuning.study.workers import Progress
 
-NOTHING = "no dither"
-LEFT = ("position", "orientation", "resting_position", "resting_orientation")
-"""Errors that are compared with those without dither."""
+NOTHING, AT_REST = "no dither", "vibration_at_rest_m"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathResult:
-    """Effect of a table on one path in the GTE, over no dither; geometric means and intervals."""
+    """Effect of a treatment on one path in the GTE."""
 
-    position: tuple[float, float, float]
-    """Position error left, mean over the goals [-]."""
-    orientation: tuple[float, float, float]
-    """Orientation error left, mean over the goals [-]."""
-    resting_position: tuple[float, float, float]
-    """Position error left at the last goal, a second after the arm reached it [-]."""
-    resting_orientation: tuple[float, float, float]
-    """Orientation error left there [-]."""
-    vibration_m: float
-    vibration_at_rest_m: float
-    power_w: float
-    torque_rate_nm_s: float
-    """Largest change of torque on any joint [N·m/s]."""
+    left: Mapping[str, tuple[float, float, float]]
+    """Errors over those without treatment, by the names of `Tracking.by_friction`: geometric mean
+    over frictions and its 95 % interval [-]."""
+    totals: Mapping[str, float]
+    """Numbers of `Tracking.totals`."""
 
 
 Tracked = Mapping[str, Mapping[str, PathResult]]
@@ -131,22 +122,17 @@ class Unseen:
                 iterations=self.settings.verify_iterations,
             )
             for key, found in zip(missing, objective.measure([*missing.values()]), strict=True):
-                row = {k: v.tolist() for k, v in found.by_friction(objective.plain).items()}
-                row["vibration_m"], row["vibration_at_rest_m"] = found.shaking
-                row["power_w"] = float(found.power.mean())
-                row["torque_rate_nm_s"] = float(found.torque_rate.max())
-                self.kept.add(key, row)
+                left = found.by_friction(objective.plain)
+                left_lists = {k: x.tolist() for k, x in left.items()}
+                self.kept.add(key, {"left": left_lists, "totals": found.totals})
         self.progress(len(groups), len(groups))
-        result: dict[str, dict[str, PathResult]] = {}
-        for name, treatment in treatments.items():
-            result[name] = {}
-            for path in groups:
-                row = every[f"{path} {treatment!r}"]
-                result[name][path] = PathResult(**{**row, **{k: _left(row[k]) for k in LEFT}})
-        return result
+        return {
+            name: {path: _result(every[f"{path} {treatment!r}"]) for path in groups}
+            for name, treatment in treatments.items()
+        }
 
 
-def _left(ratios: list[float]) -> tuple[float, float, float]:
-    """Return geometric mean and interval of ratios, one per friction."""
-    mean, low, high = interval(np.log(np.array(ratios, dtype=float)))
-    return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
+def _result(row: JsonRecord) -> PathResult:
+    """Return a kept row with geometric means and intervals in place of a ratio per friction."""
+    left = {k: np.exp(interval(np.log(np.array(x, dtype=float)))) for k, x in row["left"].items()}
+    return PathResult(left={k: tuple(x.tolist()) for k, x in left.items()}, totals=row["totals"])
