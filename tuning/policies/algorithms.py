@@ -36,8 +36,7 @@ except ImportError:
     raise missing_extra("stiction train", "stable-baselines3", "rl") from None
 
 __all__ = ["CheckpointCallback", "EvalCallback"]
-SB3 = Any
-"""Arguments and objects of Stable-Baselines3, which have more than its declared types."""
+SB3 = Any  # Arguments and objects of Stable-Baselines3, which have more than its declared types
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
 """Stable-Baselines3's classes by the names of the algorithms."""
 

@@ -20,13 +20,10 @@ _NOT_OPTIONS = ("robot", "threads")
 class Task:
     """Description of an environment that has not been created."""
 
-    robot: str
-    """Name of an arm, or path to its MJCF or URDF."""
-    experiment: str
-    """One of `envs.registration.EXPERIMENTS`."""
+    robot: str  # Name of an arm, or path to its MJCF or URDF
+    experiment: str  # One of `envs.registration.EXPERIMENTS`
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    threads: int = 0
-    """Threads of the physics, 0 for all processors; results do not depend on it."""
+    threads: int = 0  # Threads of the physics, 0 for all processors; results do not depend on it
 
     def __post_init__(self) -> None:
         if self.experiment not in EXPERIMENTS:

@@ -60,11 +60,9 @@ class CurvePoint(NamedTuple):
 class Trained:
     """Result of a training."""
 
-    policy: Policy
-    """Policy of the best evaluation."""
+    policy: Policy  # Policy of the best evaluation
     points: tuple[CurvePoint, ...]
-    resumed_at: int | None
-    """Steps of the checkpoint from which it went on, None for none."""
+    resumed_at: int | None  # Steps of the checkpoint from which it went on, None for none
 
     @property
     def best(self) -> CurvePoint:
@@ -78,8 +76,7 @@ class Training:
 
     task: Task
     algorithm: str
-    steps: int
-    """Steps of all arms together; the last rollout may exceed it."""
+    steps: int  # Steps of all arms together; the last rollout may exceed it
     seed: int = 0
     checkpoint_every: int = CHECKPOINT_EVERY
     settings: PolicySettings

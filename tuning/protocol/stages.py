@@ -62,10 +62,8 @@ def frequencies_of(robot: str | None, settings: ThesisSettings) -> tuple[float, 
 class Choice:
     """Choice for one joint, and its basis."""
 
-    row: AmplitudeRow
-    """Final dither; amplitude 0 if none reduced the torque."""
-    scale: float
-    """Best amplitude over base torque at that frequency [-]."""
+    row: AmplitudeRow  # Final dither; amplitude 0 if none reduced the torque
+    scale: float  # Best amplitude over base torque at that frequency [-]
     intermediate: Array
     """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
     reason: str
@@ -115,10 +113,8 @@ class ThesisTuner:
 
     experiment: SingleJointExperiment
     run: TuningRun
-    frequencies: tuple[float, ...]
-    """Frequencies to try [Hz]."""
-    scales: tuple[float, ...]
-    """Amplitude over base torque [-]."""
+    frequencies: tuple[float, ...]  # Frequencies to try [Hz]
+    scales: tuple[float, ...]  # Amplitude over base torque [-]
     iterations: int | None
     progress: Progress
     settings: ThesisSettings

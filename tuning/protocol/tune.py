@@ -34,10 +34,8 @@ from tuning.study.tuning_run import Progress, open_run
 class Tuning(Result):
     """Result of a tuning; its files are in `folder`."""
 
-    summary: JsonRecord
-    """JSON that ``stiction tune --json`` prints."""
-    final: tuple[AmplitudeRow, ...]
-    """Dither of every joint, the rows of ``final.csv``."""
+    summary: JsonRecord  # JSON that ``stiction tune --json`` prints
+    final: tuple[AmplitudeRow, ...]  # Dither of every joint, the rows of ``final.csv``
     folder: Path
     provenance: Provenance
 

@@ -32,10 +32,8 @@ class MeasuredRow(NamedTuple):
     """One measured torque."""
 
     configuration: Configuration
-    setting: AmplitudeRow
-    """Dither of the joint; amplitude 0 without one."""
-    tau_nm: float
-    """Signed torque [N·m]; NaN: the joint stuck, or the run failed."""
+    setting: AmplitudeRow  # Dither of the joint; amplitude 0 without one
+    tau_nm: float  # Signed torque [N·m]; NaN: the joint stuck, or the run failed
     where: str
 
     @property

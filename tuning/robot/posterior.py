@@ -42,16 +42,11 @@ CONFIGURATIONS = tuple((load, direction) for load in LOADS for direction in DIRE
 class Candidates:
     """S settings of one joint; a setting is tried in four configurations (`CONFIGURATIONS`)."""
 
-    joint: int
-    """Number of the joint, from 1."""
-    frequency_hz: Array
-    """(S,) frequency [Hz]."""
-    amplitude_nm: Array
-    """(S,) amplitude [N·m]."""
-    predicted: Array
-    """(S, 4) simulated |τ|/|τ_base|: the prior mean [-]."""
-    displacement: Array
-    """(S, 4) simulated root mean square oscillation before breakaway [rad]."""
+    joint: int  # Number of the joint, from 1
+    frequency_hz: Array  # (S,) frequency [Hz]
+    amplitude_nm: Array  # (S,) amplitude [N·m]
+    predicted: Array  # (S, 4) simulated |τ|/|τ_base|: the prior mean [-]
+    displacement: Array  # (S, 4) simulated root mean square oscillation before breakaway [rad]
     deviation: Array
     """(K, S, 4) by how much the predictions under each of K frictions differ from their mean, which
     is ``predicted`` [-]."""

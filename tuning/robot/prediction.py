@@ -33,10 +33,8 @@ class Predicted:
     """Candidates of every joint, and the simulated base torques."""
 
     candidates: Mapping[int, Candidates]
-    base_nm: Mapping[Configuration, float]
-    """|τ_base| [N·m]."""
-    limit: Sequence[float]
-    """(n,) largest displacement [rad]; inf for no limit."""
+    base_nm: Mapping[Configuration, float]  # |τ_base| [N·m]
+    limit: Sequence[float]  # (n,) largest displacement [rad]; inf for no limit
 
     def find(self, row: AmplitudeRow, same: float) -> int | None:
         """Return the number of a setting among its joint's, relative difference up to ``same``."""

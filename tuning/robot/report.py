@@ -20,8 +20,7 @@ from stiction_envs.reporting.templates import write_md_and_html
 from tuning.robot.posterior import CONFIGURATIONS, Posterior
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "ask.md.j2"
-INTERVAL = 1.96
-"""Half of a normal distribution's 95 % interval over its standard deviation [-]."""
+INTERVAL = 1.96  # Half of a normal distribution's 95 % interval over its standard deviation [-]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,10 +30,8 @@ class RobotState:
     sticking: StickingModel
     joints: Mapping[Posterior, Sequence[int]]
     """Every joint, and its settings to measure next; none where it is not worth it."""
-    missing: Sequence[Configuration]
-    """Configurations whose base torque was not measured."""
-    told: int = 0
-    """Number of settings that were new in the last table."""
+    missing: Sequence[Configuration]  # Configurations whose base torque was not measured
+    told: int = 0  # Number of settings that were new in the last table
 
     @property
     def final(self) -> list[AmplitudeRow]:

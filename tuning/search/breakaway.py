@@ -30,12 +30,10 @@ from tuning.study.record import LIMITS, Parameters, TrialOutcome
 class Breakaway:
     """Result of one setting of one joint."""
 
-    tau: Array
-    """(frictions, 4) torque at which the joint breaks away in every configuration [N·m]."""
+    tau: Array  # (frictions, 4) torque at which the joint breaks away in every configuration [N·m]
     ratio: Array
     """(frictions, 4) |tau| / |tau_base| of every configuration [-]; NaN where the joint stuck."""
-    oscillation: Array
-    """(frictions, 4) root mean square oscillation before breakaway [rad]."""
+    oscillation: Array  # (frictions, 4) root mean square oscillation before breakaway [rad]
 
     @property
     def displacement(self) -> float:

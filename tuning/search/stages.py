@@ -34,8 +34,7 @@ from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import Progress, TuningRun, counted
 from tuning.study.workers import Evaluate, fill
 
-TUNED = TRAJECTORIES[:1]
-"""Paths on which a table is tuned; it is verified on others too."""
+TUNED = TRAJECTORIES[:1]  # Paths on which a table is tuned; it is verified on others too
 SEARCHED = "search gte"
 BELIEVED = ("feedforward", "push", "momentum_observer")
 """Compensations with the gains of the model, to compare with; the last leaves least error."""
@@ -93,8 +92,7 @@ class SearchStages:
     sje: SingleJointExperiment
     bounds: Bounds
     others: dict[str, Table]
-    limits: Table
-    """Table whose displacement and vibration may not be exceeded."""
+    limits: Table  # Table whose displacement and vibration may not be exceeded
     options: Options
     settings: TuningSettings
     progress: Progress
@@ -104,8 +102,7 @@ class SearchStages:
     compensation: Compensation | None = None
     treatments: dict[str, Treatment] = dataclasses.field(default_factory=dict)
     """Results on paths, by the name of the treatment, or ``search gte``."""
-    chosen: str = ""
-    """Name of the treatment that is the result of the search on paths."""
+    chosen: str = ""  # Name of the treatment that is the result of the search on paths
 
     def __post_init__(self) -> None:
         self.search, self.seed = self.settings.search, self.sje.seed

@@ -38,8 +38,7 @@ class Treatment:
     """A measure against friction: dither, compensation, both or nothing."""
 
     dither: Table = ()
-    compensation: Compensation | None = None
-    """Added to the controller's torque."""
+    compensation: Compensation | None = None  # Added to the controller's torque
 
     def case(self, place: Place) -> Case:
         """Return the case of the experiment."""
@@ -58,14 +57,10 @@ class Tracking:
     errors: tuple[Array, ...]
     """Per place (F, G, 2) error left at each of its goals when the arm's time there is over:
     distance [m] and angle [rad]."""
-    vibration: Array
-    """(P, F) root mean square vibration during the motion, rotation included [m]."""
-    vibration_at_rest: Array
-    """(P, F) the same after the last goal was reached [m]."""
-    power: Array
-    """(P, F) power that the dither moves back and forth [W]."""
-    torque_rate: Array
-    """(P, F) largest change of torque on any joint [N·m/s]."""
+    vibration: Array  # (P, F) root mean square vibration during the motion, rotation included [m]
+    vibration_at_rest: Array  # (P, F) the same after the last goal was reached [m]
+    power: Array  # (P, F) power that the dither moves back and forth [W]
+    torque_rate: Array  # (P, F) largest change of torque on any joint [N·m/s]
 
     @property
     def shaking(self) -> tuple[float, float]:

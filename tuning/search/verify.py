@@ -36,12 +36,10 @@ class PathResult:
     left: Mapping[str, tuple[float, float, float]]
     """Errors over those without treatment, by the names of `Tracking.by_friction`: geometric mean
     over frictions and its 95 % interval [-]."""
-    totals: Mapping[str, float]
-    """Numbers of `Tracking.totals`."""
+    totals: Mapping[str, float]  # Numbers of `Tracking.totals`
 
 
-Tracked = Mapping[str, Mapping[str, PathResult]]
-"""Results by treatment and path."""
+Tracked = Mapping[str, Mapping[str, PathResult]]  # Results by treatment and path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,8 +47,7 @@ class Verified:
     """All results of the repeated measurement."""
 
     breakaway: Mapping[str, Mapping[int, Breakaway]]
-    tracking: Tracked
-    """Empty where only the SJE was searched."""
+    tracking: Tracked  # Empty where only the SJE was searched
 
     @property
     def paths(self) -> tuple[str, ...]:
@@ -72,8 +69,7 @@ class Unseen:
     bounds: Bounds
     frictions: Sequence[FrictionParameters]
     settings: SearchSettings
-    kept: KeptRows
-    """Finished measurements, of this run and of one that was interrupted."""
+    kept: KeptRows  # Finished measurements, of this run and of one that was interrupted
     progress: Progress
 
     def breakaway(

@@ -34,8 +34,7 @@ Parameters = dict[str, Any]
 Space = Mapping[str, BaseDistribution]
 CONSTRAINTS = "constraints"
 """User attribute of a trial: its constraints, feasible where all are at most 0."""
-ABOUT = "about"
-"""User attribute of a study: its definition, each part as JSON."""
+ABOUT = "about"  # User attribute of a study: its definition, each part as JSON
 LIMITS = "limits"
 """User attribute: how far a trial passes limits that the sampler need not know; at most 0."""
 UNMEASURED = "unmeasured"
@@ -148,8 +147,7 @@ class TrialSearch:
     sampler: Callable[[int], BaseSampler]
     """Makes the sampler of a trial of a given number; see `samplers.sampler`."""
     evaluations: int
-    batch: int = 1
-    """Trials proposed together; none of them knows the outcomes of the others."""
+    batch: int = 1  # Trials proposed together; none of them knows the outcomes of the others
     first: tuple[Parameters, ...] = ()
     """Settings that are known beforehand, tried before the sampler's: a start, or all of a grid."""
 

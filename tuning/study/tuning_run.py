@@ -44,8 +44,7 @@ class TuningRun:
     folder: OutputFolder
     about: Mapping[str, object]
     storage: str
-    study: str
-    """Prefix of the studies' names."""
+    study: str  # Prefix of the studies' names
     settings: SharedSettings
 
     def record(self, stage: str, objectives: int = 1, sampler: str | None = None) -> Record:
