@@ -69,13 +69,13 @@ class Session:
         )
         e, arm = self.experiment, self.experiment.sticking.arm
         self.bounds = bounds_of(e, bounds, self.settings.bounds)
-        if limit is None:
-            self.limits = next(iter(reference_tables(e, self.bounds, self.settings).values()))
-        else:
-            read = read_amplitudes(limit, n_joints=arm.n, torque_limit=arm.limits.torque)
-            self.limits = tuple(read)
+        self.limits = (
+            next(iter(reference_tables(e, self.bounds, self.settings).values()))
+            if limit is None
+            else tuple(read_amplitudes(limit, n_joints=arm.n, torque_limit=arm.limits.torque))
+        )
         defining = {
-            "bounds": self.bounds.to_json(),
+            "bounds": vars(self.bounds),
             "limits": [dataclasses.astuple(r) for r in self.limits],
             "settings": dataclasses.asdict(self.settings.robot),
         }

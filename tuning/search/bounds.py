@@ -54,10 +54,6 @@ class Bounds:
         """Number of joints."""
         return len(self.torque_rate)
 
-    def to_json(self) -> dict[str, object]:
-        """Return JSON values."""
-        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
-
     def largest(self, joint: int, frequency_hz: float) -> float:
         """Return the largest amplitude of a joint (from 1) at a frequency [N·m]."""
         rate = self.torque_rate[joint - 1] / (2 * np.pi * frequency_hz)

@@ -205,24 +205,19 @@ class SearchStages:
 
     # ---- the SJE -----------------------------------------------------------------------------
 
-    @cached_property
-    def objective(self) -> BreakawayObjective:
-        """The SJE of this search, its base torques measured."""
-        out = BreakawayObjective(
+    def breakaway(self) -> Table:
+        """Search every joint separately; return the best setting of each."""
+        s = self.search
+        objective = BreakawayObjective(
             self.sje,
             self.bounds,
             self.frictions,
-            iterations=self.search.iterations,
+            iterations=s.iterations,
             limits=self.limits,
             pareto=self.options.pareto,
             progress=counted(self.progress, "base torques"),  # the total is not known
         )
-        out.progress = None  # from here on trials are counted
-        return out
-
-    def breakaway(self) -> Table:
-        """Search every joint separately; return the best setting of each."""
-        s, objective = self.search, self.objective
+        objective.progress = None  # from here on trials are counted
         together = self.options.sampler_of("sje") == "cmaes"
         searches = [
             self._search(
@@ -240,10 +235,10 @@ class SearchStages:
         rows = []
         for j, one in enumerate(searches, 1):
             chosen = best(one.record.trials)
-            if chosen is None or chosen.values[0] >= 1.0:
-                rows.append(AmplitudeRow(j, 0.0, 0.0))
-            else:
-                rows.append(self.bounds.setting(j, chosen.params))
+            row = AmplitudeRow(j, 0.0, 0.0)
+            if chosen is not None and chosen.values[0] < 1.0:
+                row = self.bounds.setting(j, chosen.params)
+            rows.append(row)
         return tuple(rows)
 
     # ---- the GTE -----------------------------------------------------------------------------

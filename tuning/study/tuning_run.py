@@ -103,7 +103,7 @@ def open_run(
         **experiment.record,
         "protocol": protocol,
         "version": __version__,
-        "friction": {k: getattr(sticking.parameters, k).tolist() for k in QUANTITIES},
+        "friction": {k: getattr(sticking.parameters, k) for k in QUANTITIES},
         "sje": dataclasses.asdict(experiment.protocol),
         "seed": experiment.seed,
         **defining,

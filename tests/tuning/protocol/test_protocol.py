@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from unittest.mock import Mock
+
 import numpy as np
 import optuna
 import pytest
@@ -37,16 +39,9 @@ def studies(out):
     return found
 
 
-class Interrupt:
-    """Progress that interrupts the run after some calls."""
-
-    def __init__(self, after):
-        self.left = after
-
-    def __call__(self, stage, done, total):
-        self.left -= 1
-        if self.left == 0:
-            raise KeyboardInterrupt
+def interrupt(after):
+    """Return a progress that interrupts the run after some calls."""
+    return Mock(side_effect=[*[None] * (after - 1), KeyboardInterrupt])
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +61,7 @@ def test_interrupted_anywhere_it_goes_on_to_the_same_bits(small_arm, fast, tmp_p
     for share in (0.1, 0.45, 0.9):
         out = tmp_path / f"torn{share}"
         with pytest.raises(KeyboardInterrupt):
-            run(small_arm, fast, out, progress=Interrupt(int(share * len(calls))))
+            run(small_arm, fast, out, progress=interrupt(after=int(share * len(calls))))
         run(small_arm, fast, out)
         assert contents(out) == contents(whole)
         assert studies(out) == studies(whole)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 
 import pytest
@@ -11,11 +10,10 @@ from stiction_envs.measured.tables import read_amplitudes
 from tests.command_line import csv_rows
 from tests.refusal import refusal
 from tests.tuning.conftest import small
+from tests.tuning.robot.made_up import COLUMNS, fill, write
 from tuning.robot.session import Session
 
 SETTINGS = {"robot.frequencies": 3, "robot.amplitudes": 2, "robot.iterations": 1}
-COLUMNS = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm"
-BASE_NM = 0.8
 
 
 def ask(arm, **options):
@@ -42,24 +40,6 @@ def session(asked, tmp_path):
     arm, folder, options, state = asked
     shutil.copytree(folder, tmp_path / "out")
     return arm, {**options, "out": tmp_path / "out"}, state
-
-
-def fill(out, name="told.csv", *, left=lambda joint, f: 0.9):
-    """Answer measure.csv as a robot whose dither leaves ``left`` of the base torque."""
-    rows = csv_rows(out / "measure.csv")
-    for row in rows:
-        f, dithered = float(row["frequency_hz"]), float(row["amplitude_nm"]) > 0
-        sign = 1 if row["direction"] == "+" else -1
-        row["tau_nm"] = sign * BASE_NM * (left(int(row["joint"]), f) if dithered else 1.0)
-    return write(out.parent / name, rows)
-
-
-def write(path, rows):
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS.split(","), extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
 
 
 def contents(out):
@@ -120,7 +100,7 @@ def test_a_setting_that_was_not_asked_for_counts_too(session):
     f = 0.5 * float(c.frequency_hz.min() + c.frequency_hz.max())
     a = 0.5 * float(c.amplitude_nm.max())
     rows = [
-        dict(zip(COLUMNS.split(","), ("small", 1, load, d, f, a, s * 0.3), strict=True))
+        dict(zip(COLUMNS, ("small", 1, load, d, f, a, s * 0.3), strict=True))
         for load in ("load", "no_load")
         for d, s in (("+", 1), ("-", -1))
     ]
