@@ -125,14 +125,9 @@ def run(args: argparse.Namespace) -> common.Answer:
     check(task, args.policy)
     inputs = common.model_files(args, arm) | policy_files(task.arm_name, args.policy)
     folder = common.output_folder(args, task.arm_name, inputs)
+    options = {"episodes": args.episodes, "seed": args.seed}
     with common.working(), Progress("episodes") as progress:
-        evaluated = evaluate_all(
-            task,
-            args.policy,
-            episodes=args.episodes,
-            seed=args.seed,
-            progress=progress.set,
-        )
+        evaluated = evaluate_all(task, args.policy, progress=progress.set, **options)
     with common.working(), folder:
         evaluated.save(folder.path)
     more = {"seed": args.seed, "rows": list(evaluated.rows)}

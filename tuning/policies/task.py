@@ -42,8 +42,7 @@ class Task:
     @property
     def name(self) -> str:
         """Name to show: ``PandaGTE-v0``, or the arm's file and ``GTE-v0``."""
-        arm = ARMS.get(self.robot)
-        title = arm.environment if arm is not None else None
+        title = ARMS[self.robot].environment if self.robot in ARMS else None
         return f"{title}{self.kind}" if title else f"{self.arm_name} {self.kind}"
 
     @property
@@ -66,5 +65,5 @@ class Task:
         except StictionError:
             raise
         except (TypeError, AttributeError, ValueError) as error:  # a value of another kind
-            why = one_line(error)
-            raise StictionError(f"arguments of the {self.experiment} environment: {why}") from error
+            what = f"arguments of the {self.experiment} environment"
+            raise StictionError(f"{what}: {one_line(error)}") from error

@@ -130,7 +130,10 @@ def search(
             "bounds": vars(where),
             "limits": [dataclasses.astuple(r) for r in limits],
             "options": {**dataclasses.asdict(options), "evaluations": None},
-            "settings": [dataclasses.asdict(x) for x in (s.thesis, s.bounds, s.search)],
+            "settings": {
+                name: dataclasses.asdict(getattr(s, name))
+                for name in ("thesis", "bounds", "search")
+            },
         },
         out=out,
         force=force,

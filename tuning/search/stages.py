@@ -64,8 +64,7 @@ class Options:
             raise StictionError("treatment: expected objective gte")
         if self.evaluations is not None:
             checked_array(self.evaluations, "evaluations", (), low=1)
-        paths = self.objective != "sje"
-        if self.sampler == "grid" and paths:
+        if self.sampler == "grid" and self.objective != "sje":
             raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
         if self.pareto and self.sampler == "cmaes":
             raise StictionError(
@@ -162,40 +161,29 @@ class SearchStages:
         self.run.record(study, 1 + self.options.pareto, self.options.sampler_of(stage))
 
     def _search(
-        self,
-        stage: str,
-        study: str,
-        space: Space,
-        *,
-        seed: int,
-        startup: int,
-        population: int,
-        evaluations: int,
-        first: Parameters | None = None,
+        self, stage: str, study: str, space: Space, seed: int, first: Parameters | None = None
     ) -> TrialSearch:
         """Return a search by the sampler of a stage; a grid is one batch of all its cells."""
         s, options = self.search, self.options
         name = options.sampler_of(stage)
+        batch = s.population if name == "cmaes" else 1
+        startup, usual = s.startup, s.evaluations_sje
+        if stage == "gte":
+            startup, usual = s.population, s.evaluations_gte
+        evaluations = options.evaluations or usual
         begin: tuple[Parameters, ...] = () if first is None else (first,)
-        evaluations = options.evaluations or evaluations
         if name == "grid":
             begin = cells(space, s.points, seed)
-            population = len(begin)
-            evaluations = min(options.evaluations or population, population)
+            batch = len(begin)
+            evaluations = min(options.evaluations or batch, batch)
         return TrialSearch(
             record=self.run.record(study, 1 + options.pareto, name),
             space=space,
             sampler=sampler(
-                name,
-                space,
-                seed=seed,
-                startup=startup,
-                population=population,
-                first=first,
-                step=s.step,
+                name, space, seed=seed, startup=startup, population=batch, first=first, step=s.step
             ),
             evaluations=evaluations,
-            batch=population,
+            batch=batch,
             first=begin,
         )
 
@@ -207,28 +195,18 @@ class SearchStages:
 
     def breakaway(self) -> Table:
         """Search every joint separately; return the best setting of each."""
-        s = self.search
         objective = BreakawayObjective(
             self.sje,
             self.bounds,
             self.frictions,
-            iterations=s.iterations,
+            iterations=self.search.iterations,
             limits=self.limits,
             pareto=self.options.pareto,
             progress=counted(self.progress, "base torques"),  # the total is not known
         )
         objective.progress = None  # from here on trials are counted
-        together = self.options.sampler_of("sje") == "cmaes"
         searches = [
-            self._search(
-                "sje",
-                f"sje-joint{j}",
-                self.bounds.space(j),
-                seed=self.seed * 1000 + j,
-                startup=s.startup,
-                population=s.population if together else 1,
-                evaluations=s.evaluations_sje,
-            )
+            self._search("sje", f"sje-joint{j}", self.bounds.space(j), self.seed * 1000 + j)
             for j in range(1, self.sje.n + 1)
         ]
         self._fill("sje", searches, objective.evaluate)
@@ -247,7 +225,6 @@ class SearchStages:
         """Search a treatment of the whole arm, ``kind`` of `Options.searched`; return the best."""
         s, options = self.search, self.options
         still = kind not in ("", "dither")
-        name = options.sampler_of("gte")
         places: list[Place] = [(path, k) for path in TUNED for k in thesis_stiffness()]
         objective = TrackingObjective(
             self._gte(self.seed),
@@ -259,28 +236,20 @@ class SearchStages:
             compensation=kind if still else "none",
             rest_margin=s.rest_margin if kind else None,
             limits=self.limits,
-            penalty=s.penalty if name == "cmaes" else 0.0,
+            penalty=s.penalty if options.sampler_of("gte") == "cmaes" else 0.0,
             pareto=options.pareto,
             settings=self.settings.bounds,
         )
         gentle = tuple(
             dataclasses.replace(r, amplitude_nm=s.gentle * r.amplitude_nm) for r in begin or ()
         )
-        one = self._search(
-            "gte",
-            _study(kind),
-            objective.space(),
-            seed=self.seed,
-            startup=s.population,
-            population=s.population if name == "cmaes" else 1,
-            evaluations=s.evaluations_gte,
-            first=objective.parameters(gentle or self.limits),
-        )
+        first = objective.parameters(gentle or self.limits)
+        one = self._search("gte", _study(kind), objective.space(), self.seed, first)
         self._fill("gte", [one], objective.evaluate)
         chosen = best(one.record.trials)
-        if chosen is None and kind:
-            return Treatment()
         if chosen is None:
+            if kind:
+                return Treatment()
             raise ExperimentError(
                 f"none of {one.evaluations} tables keeps the limits on vibration: expected a "
                 "larger limit, or more evaluations"
