@@ -156,7 +156,7 @@ class ThesisTuner:
         found = self._measure("base", {"base": jobs}, joints, n)
         self.base = {j.configuration: found[j] for j in self.experiment.jobs()}
         for c, m in self.base.items():
-            if not np.isfinite(m.mean):
+            if m.is_stuck:
                 raise ExperimentError(
                     f"joint {c.joint}, {c.load}, {c.direction}: stuck without dither at "
                     f"{self.experiment.protocol.give_up_factor:g} times its stiction"

@@ -77,19 +77,19 @@ class Unseen:
     ) -> dict[str, dict[int, Breakaway]]:
         """Measure every joint of every table in the SJE, all settings in one batch."""
         rows = {(k, r.joint): r for k, table in tables.items() for r in table if r.amplitude_nm}
-        kept, repeats = self.kept, self.settings.verify_iterations
-        missing = [row for row in dict.fromkeys(rows.values()) if repr(row) not in kept.every]
+        every, repeats = self.kept.every, self.settings.verify_iterations
+        missing = [row for row in dict.fromkeys(rows.values()) if repr(row) not in every]
         self.progress(0, len(missing))
         if missing:
             objective = BreakawayObjective(
                 experiment, self.bounds, self.frictions, iterations=repeats
             )
             for row, found in objective.measure(missing).items():
-                kept.add(repr(row), {name: x.tolist() for name, x in vars(found).items()})
+                self.kept.add(repr(row), {name: x.tolist() for name, x in vars(found).items()})
             self.progress(len(missing), len(missing))
         out: dict[str, dict[int, Breakaway]] = {name: {} for name in tables}
         for (name, joint), row in rows.items():
-            arrays = {k: np.array(x, dtype=float) for k, x in kept.every[repr(row)].items()}
+            arrays = {k: np.array(x, dtype=float) for k, x in every[repr(row)].items()}
             out[name][joint] = Breakaway(**arrays)
         return out
 
