@@ -52,9 +52,15 @@ class RobotState:
             for k, setting in enumerate(settings, 1)
         ]
 
-    def stopped(self, stop: bool = True) -> list[int]:
-        """Return the joints that are finished, or those that are not."""
-        return [p.candidates.joint for p, settings in self.joints.items() if stop != bool(settings)]
+    @property
+    def stopped(self) -> list[int]:
+        """Joints that are finished."""
+        return [p.candidates.joint for p, settings in self.joints.items() if not settings]
+
+    @property
+    def unfinished(self) -> list[int]:
+        """Joints with settings to measure."""
+        return [p.candidates.joint for p, settings in self.joints.items() if settings]
 
     def to_json(self) -> dict[str, object]:
         """Return the JSON of ``stiction tune --ask --json``."""
@@ -82,7 +88,7 @@ class RobotState:
         if rows := self.asked:
             header, settings = _ask_lines(rows)
             lines = [",".join(map(str, line)) for line in (header, *settings)]
-        if stopped := ", ".join(map(str, self.stopped())):
+        if stopped := ", ".join(map(str, self.stopped)):
             lines.append(f"done: joints {stopped}: no untried setting is likely to be better")
         return "\n".join(lines)
 
@@ -128,9 +134,8 @@ def _write_asked(folder: Path, state: RobotState) -> None:
             (folder / name).unlink(missing_ok=True)
         return
     write_lines(folder / "ask.csv", *_ask_lines(state.asked))
-    unfinished = state.stopped(False)
     rows: list[tuple[str | float, ...]] = [
-        (*astuple(c), 0.0, 0.0) for c in state.missing if c.joint in unfinished
+        (*astuple(c), 0.0, 0.0) for c in state.missing if c.joint in state.unfinished
     ]
     for p, settings in state.joints.items():
         for s in settings:
@@ -188,8 +193,8 @@ def _words(state: RobotState) -> dict[str, object]:
         "robot": state.sticking.arm.name,
         "best": table_text([*header, "chance that another is better", "advice"], best),
         "joints": joints,
-        "stop": state.stopped(),
-        "go_on": state.stopped(False),
+        "stop": state.stopped,
+        "go_on": state.unfinished,
         "tolerance": 100 * p.settings.tolerance,
         "confidence": 100 * p.settings.confidence,
         "missing": len(state.missing),

@@ -94,12 +94,11 @@ def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, ob
     out, tuned = [], verified.tracking[chosen]
     for name, paths in verified.tracking.items():
         if name.endswith("as believed") and all(
-            _error(paths[p]) < _error(tuned[p])
-            and paths[p].totals[AT_REST] <= tuned[p].totals[AT_REST]
-            for p in verified.paths
+            _error(x) < _error(tuned[p]) and x.totals[AT_REST] <= tuned[p].totals[AT_REST]
+            for p, x in paths.items()
         ):
             kinds = ("position", "orientation")
-            worst = {k: max(100 * paths[p].left[k][0] for p in verified.paths) for k in kinds}
+            worst = {k: max(100 * x.left[k][0] for x in paths.values()) for k in kinds}
             out.append({"kind": name.split(",")[0], **worst})
     return out
 

@@ -39,7 +39,8 @@ class PathResult:
     totals: Mapping[str, float]  # Numbers of `Tracking.totals`
 
 
-Tracked = Mapping[str, Mapping[str, PathResult]]  # Results by treatment and path
+Tracked = Mapping[str, Mapping[str, PathResult]]
+"""Results by treatment and path; `RANDOM` stands for all random paths."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +49,6 @@ class Verified:
 
     breakaway: Mapping[str, Mapping[int, Breakaway]]
     tracking: Tracked  # Empty where only the SJE was searched
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        """Names of the paths; `RANDOM` stands for all random ones."""
-        return tuple(next(iter(self.tracking.values()), ()))
 
 
 def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
