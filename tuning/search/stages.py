@@ -38,6 +38,7 @@ TUNED = TRAJECTORIES[:1]  # Paths on which a table is tuned; it is verified on o
 SEARCHED = "search gte"
 BELIEVED = ("feedforward", "push", "momentum_observer")
 """Compensations with the gains of the model, to compare with; the last leaves least error."""
+LAYOUT = "2"  # The form of rows in verified.jsonl; a run does not go on from rows of another one
 UNSEEN = 7919
 """Added to the seed of drawn frictions [-]; assumed: larger than the seeds that people use."""
 
@@ -324,7 +325,7 @@ class SearchStages:
             bounds=self.bounds,
             frictions=draws,
             settings=s,
-            kept=KeptRows(self.run.folder.path / "verified.jsonl"),
+            kept=KeptRows(self.run.folder.path / "verified.jsonl", code=LAYOUT),
             progress=partial(self.progress, "verification"),
         )
 
