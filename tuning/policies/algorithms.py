@@ -48,7 +48,7 @@ def settings_of(algorithm: str, settings: PolicySettings) -> AlgorithmSettings:
     """
     if algorithm not in ALGORITHMS:
         raise unknown("algorithm", algorithm, ALGORITHMS)
-    found: AlgorithmSettings = getattr(settings, algorithm)
+    found = {"sac": settings.sac, "ppo": settings.ppo, "td3": settings.td3}[algorithm]
     known = inspect.signature(ALGORITHMS[algorithm]).parameters
     for name in found.arguments:
         if name not in known:
