@@ -12,13 +12,8 @@ TREATMENTS: dict[str, tuple[str, ...]] = {
 }
 """Treatments to search, by the name of the option: dither, or a compensation."""
 ALGORITHMS = ("sac", "ppo", "td3")
-CHECKPOINT_EVERY = 20_000
-"""Steps between two checkpoints of a training."""
-POLICIES = ("none", "gated", "random")
-"""Policies that need no file."""
-GATED = "_gated"
-"""End of the name of a shipped table with gates."""
-EPISODES = 32
-"""Episodes on which a policy is evaluated."""
-PATHS = ("triangle", "pentagon", "random")
-"""Paths of the GTE: the thesis's, and drawn ones."""
+CHECKPOINT_EVERY = 20_000  # Steps between two checkpoints of a training
+POLICIES = ("none", "gated", "random")  # Policies that need no file
+GATED = "_gated"  # End of the name of a shipped table with gates
+EPISODES = 32  # Episodes on which a policy is evaluated
+PATHS = ("triangle", "pentagon", "random")  # Paths of the GTE: the thesis's, and drawn ones

@@ -79,15 +79,14 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
     from tuning.policies.task import Task
 
     arguments = dict(_named(text) for text in args.env)
-    for name in ("payload", "chain", "friction"):
+    for name in ("compensation", "trajectory", "stiffness"):
+        if getattr(args, name) is not None and args.experiment != "gte":
+            raise StictionError(f"--{name}: not with {args.experiment}")
+    for name in ("payload", "chain", "friction", "compensation"):
         if getattr(args, name) is not None:
             arguments[name] = getattr(args, name)
     if args.sensing != common.IDEAL:
         arguments["sensing"] = args.sensing
-    if args.compensation is not None:
-        if args.experiment != "gte":
-            raise StictionError(f"--compensation: not with {args.experiment}")
-        arguments["compensation"] = args.compensation
     if (given := arguments.get("compensation")) is not None and is_file(given):
         arguments["compensation"] = read_compensation(given, None, n)
     if any(args.tilt):
@@ -96,10 +95,7 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
     if not isinstance(fixed, dict):
         raise StictionError(f"--env fixed_options={fixed}: expected a JSON object")
     options = {"trajectory": args.trajectory, "stiffness": args.stiffness and tuple(args.stiffness)}
-    given = {k: v for k, v in options.items() if v is not None}
-    if given and args.experiment != "gte":
-        raise StictionError(f"--{next(iter(given))}: not with {args.experiment}")
-    if given:
+    if given := {k: v for k, v in options.items() if v is not None}:
         arguments["fixed_options"] = {**given, **fixed}
     return Task(
         robot=args.robot, experiment=args.experiment, arguments=arguments, threads=args.threads
@@ -125,14 +121,9 @@ def run(args: argparse.Namespace) -> common.Answer:
     check(task, args.policy)
     inputs = common.model_files(args, arm) | policy_files(task.arm_name, args.policy)
     folder = common.output_folder(args, task.arm_name, inputs)
+    options = {"episodes": args.episodes, "seed": args.seed}
     with common.working(), Progress("episodes") as progress:
-        evaluated = evaluate_all(
-            task,
-            args.policy,
-            episodes=args.episodes,
-            seed=args.seed,
-            progress=progress.set,
-        )
+        evaluated = evaluate_all(task, args.policy, progress=progress.set, **options)
     with common.working(), folder:
         evaluated.save(folder.path)
     more = {"seed": args.seed, "rows": list(evaluated.rows)}

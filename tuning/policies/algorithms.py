@@ -14,8 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stiction_envs.arrays import Array
-from stiction_envs.errors import StictionError, missing_extra, unknown
+from stiction_envs.errors import StictionError, missing_extra, one_line, unknown
 from stiction_envs.reporting.provenance import versions
 from tuning.policies.policy import Card, Policy
 from tuning.policies.settings import AlgorithmSettings, PolicySettings, RunSettings
@@ -36,8 +35,7 @@ except ImportError:
     raise missing_extra("stiction train", "stable-baselines3", "rl") from None
 
 __all__ = ["CheckpointCallback", "EvalCallback"]
-SB3 = Any
-"""Arguments and objects of Stable-Baselines3, which have more than its declared types."""
+SB3 = Any  # Arguments and objects of Stable-Baselines3, which have more than its declared types
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
 """Stable-Baselines3's classes by the names of the algorithms."""
 
@@ -56,8 +54,7 @@ def settings_of(algorithm: str, settings: PolicySettings) -> AlgorithmSettings:
         if name not in known:
             raise unknown(f"argument of {algorithm}", name, known)
     for name in ("n_steps", "learning_starts"):
-        if type(found.arguments.get(name, 1)) is not int:
-            value = found.arguments[name]
+        if type(value := found.arguments.get(name, 1)) is not int:
             raise StictionError(f"{algorithm}: {name} is {value!r}: expected a whole number")
     return found
 
@@ -104,8 +101,7 @@ def make_model(
     try:
         model: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
     except Exception as error:  # what Stable-Baselines3 and torch raise of a wrong argument
-        why = " ".join(str(error).split()) or type(error).__name__
-        raise StictionError(f"arguments of {algorithm}: {why}") from error
+        raise StictionError(f"arguments of {algorithm}: {one_line(error)}") from error
     return model
 
 
@@ -120,12 +116,10 @@ def load_checkpoint(algorithm: str, place: Path, env: VecNormalize) -> BaseAlgor
     torch.set_num_threads(1)
     steps = int(place.name)
     try:
-        normal = VecNormalize.load(
-            str(place / f"rl_model_vecnormalize_{steps}_steps.pkl"), env.venv
-        )
-        model = ALGORITHMS[algorithm].load(
-            place / f"rl_model_{steps}_steps.zip", normal, device="cpu"
-        )
+        file = place / f"rl_model_vecnormalize_{steps}_steps.pkl"
+        normal = VecNormalize.load(str(file), env.venv)
+        file = place / f"rl_model_{steps}_steps.zip"
+        model = ALGORITHMS[algorithm].load(file, normal, device="cpu")
         if isinstance(model, OffPolicyAlgorithm):
             model.load_replay_buffer(place / f"rl_model_replay_buffer_{steps}_steps.pkl")
     except Exception as error:  # unpickling raises any
@@ -181,8 +175,8 @@ def export(
         high=batch.single_action_space.high.astype(float),
         mean=np.array(normal.obs_rms.mean) if used else np.zeros(size),
         variance=np.array(normal.obs_rms.var) if used else np.zeros(size),
-        weights=tuple(_numbers(x.weight) for x in linear),
-        biases=tuple(_numbers(x.bias) for x in linear),
+        weights=tuple(x.weight.detach().cpu().numpy().astype(float) for x in linear),
+        biases=tuple(x.bias.detach().cpu().numpy().astype(float) for x in linear),
     )
 
 
@@ -196,7 +190,3 @@ def _layers(model: BaseAlgorithm) -> tuple[list[SB3], Literal["tanh", "clip"]]:
     if isinstance(model, TD3):
         return list(policy.actor.mu)[:-1], "tanh"
     raise StictionError(f"{type(model).__name__}: expected one of PPO, SAC, TD3")
-
-
-def _numbers(tensor: torch.Tensor) -> Array:
-    return np.asarray(tensor.detach().cpu().numpy(), dtype=float)

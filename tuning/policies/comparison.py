@@ -168,12 +168,10 @@ def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:
     path = shipped_table(robot, GATED)
     if path is None:
         return GatedTable(env)
-    core = env.unwrapped.core
+    top = env.unwrapped.core.action_space.high.tolist()
     rows = [
-        replace(
-            row, amplitude_nm=min(row.amplitude_nm, float(core.action_space.high[row.joint - 1]))
-        )
-        for row in read_amplitudes(path, n_joints=core.n)
+        replace(row, amplitude_nm=min(row.amplitude_nm, top[row.joint - 1]))
+        for row in read_amplitudes(path, n_joints=env.unwrapped.core.n)
     ]
     return GatedTable(env, rows, speed=np.inf)
 
@@ -185,15 +183,9 @@ class _WithinBounds:
         space = env.core.action_space
         self._policy, self._low, self._high = policy, space.low, space.high
 
-    def predict(
-        self,
-        observation: Array,
-        state: object = None,
-        episode_start: object = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, None]:
-        """Return the policy's action, clipped."""
-        action, state = self._policy.predict(observation, state, episode_start, deterministic)
+    def predict(self, observation: Array, *_: object, **__: object) -> tuple[Array, None]:
+        """Return the policy's action, clipped; as the policy it has no memory."""
+        action, state = self._policy.predict(observation)
         return np.clip(action, self._low, self._high), state
 
 

@@ -21,8 +21,7 @@ from stiction_envs.reporting.atomic import write_bytes_atomic
 from stiction_envs.reporting.json_text import JsonRecord
 
 Array = NDArray[np.floating]
-ENTRY = "policy.json"
-"""Name of the one file in a ``policy.zip``."""
+ENTRY = "policy.json"  # Name of the one file in a ``policy.zip``
 MOST_BYTES = 2**26
 """Largest unpacked size of a ``policy.zip`` [B] (assumed): a hundred times a usual network's."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of the zip format
@@ -37,15 +36,11 @@ class Card:
     environment: Annotated[str, msgspec.Meta(pattern="^[^-]+-[^-]+$")]
     """End of the environment's identifier with its version: ``GTE-v0``."""
     observation_names: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
-    interval: Positive
-    """Time between two actions [s]."""
+    interval: Positive  # Time between two actions [s]
     activation: Literal["tanh", "relu"]
-    output: Literal["tanh", "clip"]
-    """How an action is limited to [-1, 1] of its range."""
-    clip: Positive
-    """Bound of normalised observations."""
-    epsilon: Positive
-    """Added to the variance in the normalisation."""
+    output: Literal["tanh", "clip"]  # How an action is limited to [-1, 1] of its range
+    clip: Positive  # Bound of normalised observations
+    epsilon: Positive  # Added to the variance in the normalisation
     training: JsonRecord
     """Origin: algorithm, steps, seed, versions and other facts; for information only."""
 
@@ -59,17 +54,12 @@ class Policy:
 
     format: Literal["stiction-envs policy 2"] = "stiction-envs policy 2"
     card: Card
-    low: Array
-    """(2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]."""
+    low: Array  # (2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]
     high: Array
-    mean: Array
-    """(observations,) mean of the observations in training."""
-    variance: Array
-    """(observations,) their variance."""
-    weights: Annotated[tuple[Array, ...], msgspec.Meta(min_length=1)]
-    """(out, in) of every layer."""
-    biases: tuple[Array, ...]
-    """(out,) of every layer."""
+    mean: Array  # (observations,) mean of the observations in training
+    variance: Array  # (observations,) their variance
+    weights: Annotated[tuple[Array, ...], msgspec.Meta(min_length=1)]  # (out, in) of every layer
+    biases: tuple[Array, ...]  # (out,) of every layer
 
     def predict(
         self,

@@ -20,13 +20,10 @@ _NOT_OPTIONS = ("robot", "threads")
 class Task:
     """Description of an environment that has not been created."""
 
-    robot: str
-    """Name of an arm, or path to its MJCF or URDF."""
-    experiment: str
-    """One of `envs.registration.EXPERIMENTS`."""
+    robot: str  # Name of an arm, or path to its MJCF or URDF
+    experiment: str  # One of `envs.registration.EXPERIMENTS`
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    threads: int = 0
-    """Threads of the physics, 0 for all processors; results do not depend on it."""
+    threads: int = 0  # Threads of the physics, 0 for all processors; results do not depend on it
 
     def __post_init__(self) -> None:
         if self.experiment not in EXPERIMENTS:
@@ -45,8 +42,7 @@ class Task:
     @property
     def name(self) -> str:
         """Name to show: ``PandaGTE-v0``, or the arm's file and ``GTE-v0``."""
-        arm = ARMS.get(self.robot)
-        title = arm.environment if arm is not None else None
+        title = ARMS[self.robot].environment if self.robot in ARMS else None
         return f"{title}{self.kind}" if title else f"{self.arm_name} {self.kind}"
 
     @property
@@ -69,5 +65,5 @@ class Task:
         except StictionError:
             raise
         except (TypeError, AttributeError, ValueError) as error:  # a value of another kind
-            why = one_line(error)
-            raise StictionError(f"arguments of the {self.experiment} environment: {why}") from error
+            what = f"arguments of the {self.experiment} environment"
+            raise StictionError(f"{what}: {one_line(error)}") from error

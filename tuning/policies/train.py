@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -60,11 +60,9 @@ class CurvePoint(NamedTuple):
 class Trained:
     """Result of a training."""
 
-    policy: Policy
-    """Policy of the best evaluation."""
+    policy: Policy  # Policy of the best evaluation
     points: tuple[CurvePoint, ...]
-    resumed_at: int | None
-    """Steps of the checkpoint from which it went on, None for none."""
+    resumed_at: int | None  # Steps of the checkpoint from which it went on, None for none
 
     @property
     def best(self) -> CurvePoint:
@@ -78,19 +76,18 @@ class Training:
 
     task: Task
     algorithm: str
-    steps: int
-    """Steps of all arms together; the last rollout may exceed it."""
+    steps: int  # Steps of all arms together; the last rollout may exceed it
     seed: int = 0
     checkpoint_every: int = CHECKPOINT_EVERY
     settings: PolicySettings
 
     def check(self) -> None:
         """Raise a StictionError if the training cannot be run; nothing is written."""
-        own, run = settings_of(self.algorithm, self.settings), self.settings.run
+        own = settings_of(self.algorithm, self.settings)
         least, why = least_steps(own)
         if self.steps < least:
             raise StictionError(f"{self.steps} steps: expected at least {least}: {why}")
-        env = make_env(self.task, min(2, own.envs), run, own)
+        env = make_env(self.task, min(2, own.envs), self.settings.run, own)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of fewer arms than there will be
             make_model(self.algorithm, own, env, self.seed)
@@ -205,24 +202,21 @@ class _Evaluations(EvalCallback):
             goes_on = super()._on_step()
         if len(self.evaluations_results) > count:
             if self.best_mean_reward > best:
-                self._save_policy()
+                described = {
+                    "algorithm": training.algorithm,
+                    "steps": int(self.num_timesteps),
+                    "seed": training.seed,
+                    "arguments": {k: repr(v) for k, v in sorted(training.task.arguments.items())},
+                }
+                export(self.model, training.task, described).save(self._out / POLICY)
             pairs = zip(self.evaluations_timesteps, self.evaluations_results, strict=True)
-            _write_curve(self._out / CURVE, pairs)
+            rows = [(steps, float(np.mean(x)), float(np.std(x))) for steps, x in pairs]
+            write_lines(self._out / CURVE, CurvePoint._fields, rows)
         if self._progress is not None:
             last = np.mean(self.evaluations_results[-1])
             words = f"{training.algorithm}: return {last:.3f}, best {self.best_mean_reward:.3f}"
             self._progress(words, min(1.0, self.num_timesteps / training.steps))
         return goes_on
-
-    def _save_policy(self) -> None:
-        training = self._training
-        described = {
-            "algorithm": training.algorithm,
-            "steps": int(self.num_timesteps),
-            "seed": training.seed,
-            "arguments": {k: repr(v) for k, v in sorted(training.task.arguments.items())},
-        }
-        export(self.model, training.task, described).save(self._out / POLICY)
 
 
 class _Checkpoints(CheckpointCallback):
@@ -269,13 +263,8 @@ def far_seed(seed: int, which: int) -> int:
     return int(np.random.SeedSequence([seed, which]).generate_state(1)[0]) % 2**31
 
 
-def _write_curve(path: Path, evaluations: Iterable[tuple[int, list[float]]]) -> None:
-    rows = [(steps, float(np.mean(x)), float(np.std(x))) for steps, x in evaluations]
-    write_lines(path, CurvePoint._fields, rows)
-
-
 def _read_curve(path: Path) -> tuple[CurvePoint, ...]:
-    """Return the points of a file that `_write_curve` wrote; none if there is no file."""
+    """Return the points of a curve's file; none if there is no file."""
     if not path.is_file():
         return ()
     rows = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2).tolist()

@@ -5,14 +5,14 @@ The text is in ``templates/``; this module makes its numbers and tables.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
 from stiction_envs.friction.from_file import simulated_note
-from stiction_envs.measured.tables import BaseTable
+from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, BaseTable
 from stiction_envs.measured.thesis_tables import thesis_dithered, thesis_robots
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
@@ -89,12 +89,6 @@ def _reductions(tuner: ThesisTuner, final: Mapping[Configuration, Measurement]) 
     return {joint: float(np.mean(values)) for joint, values in each.items()}
 
 
-def _draw(path: Path, draw: Callable[..., None], *data: object) -> None:
-    """Draw a plot, unless it was drawn before an interruption: the folder belongs to one run."""
-    if not path.exists():
-        draw(*data, path)
-
-
 def write_report(
     tuner: ThesisTuner,
     choices: list[Choice],
@@ -110,8 +104,8 @@ def write_report(
     mean = float(np.mean(list(reductions.values())))
     name = sticking.arm.registered_name
     thesis = list(thesis_dithered(name)) if name in thesis_robots() else []
-    _draw(tuner.out / "frequency.png", figures.frequency, tuner, thesis)
-    _draw(tuner.out / "verification.png", figures.verification, tuner, verified["final"], thesis)
+    figures.frequency(tuner, thesis, tuner.out / "frequency.png")
+    figures.verification(tuner, verified["final"], thesis, tuner.out / "verification.png")
     worst = None
     if table is not None:
         found = [m.mean / table.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
@@ -136,7 +130,7 @@ def write_report(
     return {
         "robot": robot,
         "final": [
-            {name: getattr(c.row, name) for name in ("joint", "frequency_hz", "amplitude_nm")}
+            {name: getattr(c.row, name) for name in AMPLITUDE_COLUMNS}
             | ({} if tuner.experiment.servos is None else {"amplitude_rad": tuner.angle(c)})
             for c in choices
         ],

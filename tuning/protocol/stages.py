@@ -13,8 +13,10 @@ database, several machines can share it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -43,12 +45,10 @@ from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import Progress, TuningRun, counted
 from tuning.study.workers import fill
 
-Cell = tuple[float, float]
-"""Frequency [Hz] and scale [-]."""
 Verified = dict[str, dict[Configuration, Measurement]]
 """Measurements with the intermediate and with the final amplitudes."""
-Jobs = Callable[[int, Parameters], list[Job]]
-"""Jobs of a setting of a search (given by number), one per configuration of its joint."""
+Jobs = Callable[[Parameters], list[Job]]
+"""Returns the jobs of a setting, one per configuration of its joint."""
 
 
 def frequencies_of(robot: str | None, settings: ThesisSettings) -> tuple[float, ...]:
@@ -62,10 +62,8 @@ def frequencies_of(robot: str | None, settings: ThesisSettings) -> tuple[float, 
 class Choice:
     """Choice for one joint, and its basis."""
 
-    row: AmplitudeRow
-    """Final dither; amplitude 0 if none reduced the torque."""
-    scale: float
-    """Best amplitude over base torque at that frequency [-]."""
+    row: AmplitudeRow  # Final dither; amplitude 0 if none reduced the torque
+    scale: float  # Best amplitude over base torque at that frequency [-]
     intermediate: Array
     """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
     reason: str
@@ -115,17 +113,13 @@ class ThesisTuner:
 
     experiment: SingleJointExperiment
     run: TuningRun
-    frequencies: tuple[float, ...]
-    """Frequencies to try [Hz]."""
-    scales: tuple[float, ...]
-    """Amplitude over base torque [-]."""
+    frequencies: tuple[float, ...]  # Frequencies to try [Hz]
+    scales: tuple[float, ...]  # Amplitude over base torque [-]
     iterations: int | None
     progress: Progress
     settings: ThesisSettings
     base: dict[Configuration, Measurement] = field(default_factory=dict)
     cells: dict[Job, Measurement] = field(default_factory=dict)
-    ratios: list[dict[Cell, float]] = field(default_factory=list)
-    """Mean |τ|/|τ_base| of every joint's cells in which no configuration stuck [-]."""
 
     @property
     def out(self) -> Path:
@@ -146,18 +140,23 @@ class ThesisTuner:
         """Return the job of a configuration at a frequency [Hz], A = scale × |base|."""
         return Job(c, frequency, scale * abs(self.base[c].mean))
 
+    def left(self, joint: int, frequency: float, scale: float) -> float:
+        """Return the mean |τ|/|τ_base| of a cell of the grid [-]; NaN if a configuration stuck."""
+        cs = configurations(self.experiment.n, [joint])
+        return self._mean_size([self.cells[self.job(c, frequency, scale)] for c in cs])
+
     def measure_base(self) -> None:
         """Measure the base torques of all configurations; write base.csv."""
         n = self.experiment.n
         joints = {"joint": CategoricalDistribution(range(1, n + 1))}
 
-        def jobs(_: int, setting: Parameters) -> list[Job]:
+        def jobs(setting: Parameters) -> list[Job]:
             return [Job(c) for c in configurations(n, [setting["joint"]])]
 
-        found = self._measure("base", [self._search("base", joints, n)], jobs, self.experiment)
+        found = self._measure("base", {"base": jobs}, joints, n)
         self.base = {j.configuration: found[j] for j in self.experiment.jobs()}
         for c, m in self.base.items():
-            if not np.isfinite(m.mean):
+            if m.is_stuck:
                 raise ExperimentError(
                     f"joint {c.joint}, {c.load}, {c.direction}: stuck without dither at "
                     f"{self.experiment.protocol.give_up_factor:g} times its stiction"
@@ -171,31 +170,16 @@ class ThesisTuner:
             "frequency_hz": CategoricalDistribution(self.frequencies),
             "scale": CategoricalDistribution(sorted({1.0, *self.scales})),
         }
-        joints = range(1, n + 1)
-        searches = [self._search(f"joint{j}", space, self.settings.batch) for j in joints]
 
-        def jobs(k: int, cell: Parameters) -> list[Job]:
-            return [
-                self.job(c, cell["frequency_hz"], cell["scale"]) for c in configurations(n, [k + 1])
-            ]
+        def jobs(joint: int, cell: Parameters) -> list[Job]:
+            of_joint = configurations(n, [joint])
+            return [self.job(c, cell["frequency_hz"], cell["scale"]) for c in of_joint]
 
-        self.cells = self._measure("grid", searches, jobs, self.experiment)
-        self.ratios = [
-            {
-                (t.params["frequency_hz"], t.params["scale"]): t.values[0]
-                for t in s.record.trials
-                if t.values is not None
-            }
-            for s in searches
-        ]
+        grids = {f"joint{j}": partial(jobs, j) for j in range(1, n + 1)}
+        self.cells = self._measure("grid", grids, space, self.settings.batch)
         for name, scales in (("frequency.csv", (1.0,)), ("scale.csv", self.scales)):
-            shown = [
-                self.job(c, f, s)
-                for c in configurations(n)
-                for f in self.frequencies
-                for s in scales
-            ]
-            self._write(name, [self.cells[j] for j in dict.fromkeys(shown)])
+            every = itertools.product(configurations(n), self.frequencies, scales)
+            self._write(name, [self.cells[self.job(*one)] for one in every])
 
     def choose(self) -> list[Choice]:
         """Return the final choice of every joint; write final.csv and final.yaml.
@@ -204,12 +188,11 @@ class ThesisTuner:
         Under position servos final_command.csv has the amplitudes of the commanded angle.
         """
         choices = []
-        rates = self.experiment.interface.torque_rate
-        for joint, ratios in enumerate(self.ratios, 1):
-            real = {f: v for (f, x), v in ratios.items() if x == 1.0 and f in self.eligible}
-            best = min(real, key=lambda f: (real[f], f)) if real else self.eligible[-1]
-            mine = {x: v for (f, x), v in ratios.items() if f == best and x in self.scales}
-            scale = min(mine, key=lambda x: (mine[x], x)) if mine else 1.0
+        for joint, rate in enumerate(self.experiment.interface.torque_rate, 1):
+            real = {f: self.left(joint, f, 1.0) for f in self.eligible}
+            best = _lowest(real, otherwise=self.eligible[-1])
+            mine = {x: self.left(joint, best, x) for x in self.scales}
+            scale = _lowest(mine, otherwise=1.0)
             tau = np.array(
                 [[self.base[Configuration(joint, x, d)].mean for d in DIRECTIONS] for x in LOADS]
             )
@@ -218,19 +201,13 @@ class ThesisTuner:
                 intermediate,
                 float(((tau[:, 0] - tau[:, 1]) / 2).min()),
                 frequency_hz=best,
-                torque_rate=float(rates[joint - 1]),
+                torque_rate=float(rate),
                 settings=self.settings,
             )
-            if mine.get(scale, np.inf) >= 1.0:
+            if not mine.get(scale, np.nan) < 1.0:
                 amplitude, reason = 0.0, "no dither lowered the torque"
-            choices.append(
-                Choice(
-                    row=AmplitudeRow(joint, best, amplitude),
-                    scale=scale,
-                    intermediate=intermediate,
-                    reason=reason,
-                )
-            )
+            row = AmplitudeRow(joint, best, amplitude)
+            choices.append(Choice(row=row, scale=scale, intermediate=intermediate, reason=reason))
         names = self.experiment.sticking.arm.joint_names
         write_final(self.out, [c.row for c in choices], names)
         if self.experiment.servos is not None:
@@ -248,63 +225,65 @@ class ThesisTuner:
     def verify(self, choices: list[Choice]) -> Verified:
         """Measure intermediate and final amplitudes with another seed; write both tables."""
         n = self.experiment.n
+        chosen = {c: choices[c.joint - 1] for c in configurations(n)}
+        tables = {
+            "intermediate": {
+                c: Job(c, x.row.frequency_hz, float(x.intermediate[c.index[1:]]))
+                for c, x in chosen.items()
+            },
+            "final": {c: Job.of(c, x.row) for c, x in chosen.items()},
+        }
 
-        def jobs(_: int, setting: Parameters) -> list[Job]:
-            choice = choices[setting["joint"] - 1]
-            row, cs = choice.row, configurations(n, [setting["joint"]])
-            if setting["table"] == "final":
-                return [Job.of(c, row) for c in cs]
-            return [Job(c, row.frequency_hz, float(choice.intermediate[c.index[1:]])) for c in cs]
+        def jobs(setting: Parameters) -> list[Job]:
+            return [tables[setting["table"]][c] for c in configurations(n, [setting["joint"]])]
 
-        tables = ("intermediate", "final")
         space = {
             "joint": CategoricalDistribution(range(1, n + 1)),
-            "table": CategoricalDistribution(tables),
+            "table": CategoricalDistribution(tuple(tables)),
         }
-        search = self._search("verification", space, 2 * n)
         unseen = self.experiment.replace(seed=self.experiment.seed + 1)
-        found = self._measure("verification", [search], jobs, unseen)
-        out = {
-            table: {
-                job.configuration: found[job]
-                for joint in range(1, n + 1)
-                for job in jobs(0, {"joint": joint, "table": table})
-            }
-            for table in tables
-        }
+        found = self._measure("verification", {"verification": jobs}, space, 2 * n, unseen)
+        out = {name: {c: found[job] for c, job in table.items()} for name, table in tables.items()}
         self._write("intermediate.csv", out["intermediate"].values())
         self._write("verification.csv", out["final"].values())
         return out
 
-    def _search(
-        self, name: str, space: dict[str, CategoricalDistribution], batch: int
-    ) -> TrialSearch:
-        """Return the search of a whole grid; each cell occurs once, in an order from the seed."""
-        every = cells(space, 1, self.experiment.seed)
-        return TrialSearch(
-            record=self.run.record(name),
-            space=space,
-            sampler=sampler("grid", space, seed=self.experiment.seed),
-            evaluations=len(every),
-            batch=batch,
-            first=every,
-        )
-
     def _measure(
         self,
         stage: str,
-        searches: Sequence[TrialSearch],
-        jobs: Jobs,
-        experiment: SingleJointExperiment,
+        grids: Mapping[str, Jobs],
+        space: dict[str, CategoricalDistribution],
+        batch: int,
+        experiment: SingleJointExperiment | None = None,
     ) -> dict[Job, Measurement]:
-        """Fill the studies of a stage; return the measurements of all their trials."""
-        settings = ((k, x) for k, s in enumerate(searches) for x in s.first[len(s.record.trials) :])
-        due = [job for k, setting in settings for job in jobs(k, setting)]
-        total = experiment.expected_seconds(due, self.iterations)
-        report = counted(self.progress, stage, total)
+        """Fill the studies of a stage, by name; return the measurements of all their trials.
+
+        Each study is a whole grid in ``space``: each cell occurs once, in an order from the seed.
+        """
+        experiment = experiment or self.experiment
+        every = cells(space, 1, self.experiment.seed)
+        searches = [
+            TrialSearch(
+                record=self.run.record(name),
+                space=space,
+                sampler=sampler("grid", space, seed=self.experiment.seed),
+                evaluations=len(every),
+                batch=batch,
+                first=every,
+            )
+            for name in grids
+        ]
+        jobs = list(grids.values())
+        due = [
+            job
+            for s, jobs_of in zip(searches, jobs, strict=True)
+            for setting in every[len(s.record.trials) :]
+            for job in jobs_of(setting)
+        ]
+        report = counted(self.progress, stage, experiment.expected_seconds(due, self.iterations))
 
         def evaluate(wanted: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
-            groups = [jobs(k, setting) for k, setting in wanted]
+            groups = [jobs[k](setting) for k, setting in wanted]
             distinct = list(dict.fromkeys(j for group in groups for j in group))
             run = experiment.run(distinct, iterations=self.iterations, progress=report)
             measured = {m.job: m for m in run}
@@ -313,16 +292,20 @@ class ThesisTuner:
         fill(searches, evaluate)
         return {
             job: _measurement(job, t.user_attrs[_key(job.configuration)])
-            for k, s in enumerate(searches)
+            for s, jobs_of in zip(searches, jobs, strict=True)
             for t in s.record.trials
-            for job in jobs(k, t.params)
+            for job in jobs_of(t.params)
         }
+
+    def _mean_size(self, measured: list[Measurement]) -> float:
+        """Return the mean |τ|/|τ_base| [-], or |τ| [N·m] before base torques were measured."""
+        base = self.base
+        taus = [m.mean / base[m.job.configuration].mean if base else m.mean for m in measured]
+        return float(np.mean(np.abs(taus)))
 
     def _outcome(self, measured: list[Measurement]) -> TrialOutcome:
         """Return the stored outcome of a setting; values are None if a joint stuck."""
-        base = self.base
-        taus = [m.mean / base[m.job.configuration].mean if base else m.mean for m in measured]
-        value = float(np.mean(np.abs(taus)))
+        value = self._mean_size(measured)
         return TrialOutcome(
             values=(value,) if np.isfinite(value) else None,
             measures={_key(m.job.configuration): m.tau.tolist() for m in measured},
@@ -351,6 +334,12 @@ def _measurement(job: Job, tau: list[float]) -> Measurement:
         traces=(),
         trace_dt=0.0,
     )
+
+
+def _lowest(values: Mapping[float, float], *, otherwise: float) -> float:
+    """Return the key of the lowest number, the lower of equals; ``otherwise`` if all are NaN."""
+    numbers = {x: v for x, v in values.items() if np.isfinite(v)}
+    return min(numbers, key=lambda x: (numbers[x], x), default=otherwise)
 
 
 def change(m: Measurement, base: Measurement) -> float:

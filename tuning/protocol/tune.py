@@ -34,10 +34,8 @@ from tuning.study.tuning_run import Progress, open_run
 class Tuning(Result):
     """Result of a tuning; its files are in `folder`."""
 
-    summary: JsonRecord
-    """JSON that ``stiction tune --json`` prints."""
-    final: tuple[AmplitudeRow, ...]
-    """Dither of every joint, the rows of ``final.csv``."""
+    summary: JsonRecord  # JSON that ``stiction tune --json`` prints
+    final: tuple[AmplitudeRow, ...]  # Dither of every joint, the rows of ``final.csv``
     folder: Path
     provenance: Provenance
 
@@ -185,7 +183,7 @@ def tune(
             "iterations": iterations,
             "frequencies": tried,
             "scales": sizes,
-            "table": None if table is None else table.tau.tolist(),
+            "table": None if table is None else table.tau,
             "settings": dataclasses.asdict(s),
         },
         out=out,
@@ -239,11 +237,7 @@ def _calibrated(
     """Return the experiment with friction calibrated to the table; kept in friction.toml."""
     path = out / "friction.toml"
     if not path.exists():
-        result = calibrate(
-            table,
-            experiment,
-            progress=lambda k, _: progress("calibrate", k, 10),
-        )
+        result = calibrate(table, experiment, progress=lambda k, _: progress("calibrate", k, 10))
         name, content = f"base torques of {table.robot}", repr(table.tau.tolist()).encode()
         result.write_toml(path, base=origin, table=name, content=content)
     arm, timestep = experiment.sticking.arm, experiment.sticking.timestep

@@ -9,53 +9,37 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.measured.csv_text import read_lines
 from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS, AmplitudeRow, our_name
 from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.robot.posterior import CONFIGURATIONS, Readings
-from tuning.robot.prediction import PREDICTIONS, Cell, Predicted
+from tuning.robot.prediction import PREDICTIONS, Predicted
 from tuning.search.bounds import Bounds
 from tuning.settings import RobotSettings
 
 REQUIRED, OPTIONAL = SJE_COLUMNS[:7], SJE_COLUMNS[7:]
 
 
-@dataclass(frozen=True, kw_only=True)
-class MeasuredRow:
+class MeasuredRow(NamedTuple):
     """One measured torque."""
 
-    joint: int
-    load: str
-    direction: str
-    frequency_hz: float
-    """Frequency [Hz]; 0 without dither."""
-    amplitude_nm: float
-    """Amplitude [N·m]; 0 without dither."""
-    tau_nm: float
-    """Signed torque [N·m]; NaN: the joint stuck, or the run failed."""
+    configuration: Configuration
+    setting: AmplitudeRow  # Dither of the joint; amplitude 0 without one
+    tau_nm: float  # Signed torque [N·m]; NaN: the joint stuck, or the run failed
     where: str
 
     @property
     def is_base(self) -> bool:
         """True if the row was measured without dither."""
-        return self.amplitude_nm == 0
-
-    @property
-    def setting(self) -> AmplitudeRow:
-        """Dither of the joint; amplitude 0 without one."""
-        frequency = 0.0 if self.is_base else self.frequency_hz
-        return AmplitudeRow(self.joint, frequency, self.amplitude_nm)
-
-    @property
-    def cell(self) -> Cell:
-        """Joint, pose, direction."""
-        return self.joint, self.load, self.direction
+        return self.setting.amplitude_nm == 0
 
 
 def read_measured(path: Path, robot: str, n_joints: int) -> list[MeasuredRow]:
@@ -68,19 +52,15 @@ def read_measured(path: Path, robot: str, n_joints: int) -> list[MeasuredRow]:
     for line in read_lines(path, REQUIRED, OPTIONAL):
         if our_name(line.text("robot")) != our_name(robot):
             raise line.error(f"robot is {line.fields['robot']!r}: expected {robot}")
-        row = MeasuredRow(
-            joint=line.whole("joint", 1, n_joints),
-            load=line.name("load", LOADS),
-            direction=line.name("direction", DIRECTIONS),
-            frequency_hz=line.number("frequency_hz", low=0.0),
-            amplitude_nm=line.number("amplitude_nm", low=0.0),
-            tau_nm=line.number("tau_nm", nan=True) if line.fields["tau_nm"] else math.nan,
-            where=line.where,
-        )
-        if row.amplitude_nm > 0 and row.frequency_hz == 0:
+        joint = line.whole("joint", 1, n_joints)
+        where = joint, line.name("load", LOADS), line.name("direction", DIRECTIONS)
+        frequency, amplitude = (line.number(x, low=0.0) for x in ("frequency_hz", "amplitude_nm"))
+        if amplitude > 0 and frequency == 0:
             raise line.error("frequency_hz is 0: expected > 0, or 0 with amplitude_nm 0")
         if line.fields["tau_nm"]:
-            rows.append(row)
+            setting = AmplitudeRow(joint, frequency if amplitude else 0.0, amplitude)
+            tau = line.number("tau_nm", nan=True)
+            rows.append(MeasuredRow(Configuration(*where), setting, tau, line.where))
     if not rows:
         raise StictionError(f"{path}: every tau_nm is empty: expected a measured torque, or nan")
     return rows
@@ -89,34 +69,34 @@ def read_measured(path: Path, robot: str, n_joints: int) -> list[MeasuredRow]:
 def check_measured(
     rows: Sequence[MeasuredRow],
     bounds: Bounds,
-    base_nm: Mapping[Cell, float],
+    base_nm: Mapping[Configuration, float],
     settings: RobotSettings,
 ) -> None:
     """Raise where a row cannot be a measurement of this arm within its bounds, in SI units.
 
-    ``base_nm`` has a rough |base torque| of every cell [N·m]; measured ones in the table override
-    it. The message names the line.
+    ``base_nm`` has a rough |base torque| of every configuration [N·m]; measured ones in the table
+    override it. The message names the line.
     """
     base = dict(base_nm)
     for row in (r for r in rows if r.is_base and math.isfinite(r.tau_nm)):
-        _check_torque(row, base_nm[row.cell], settings.base_factor, settings.base_factor)
-        base[row.cell] = abs(row.tau_nm)
-    for row in rows:
-        if row.is_base:
-            continue
+        rough = base_nm[row.configuration]
+        _check_torque(row, rough, settings.base_factor, settings.base_factor)
+        base[row.configuration] = abs(row.tau_nm)
+    for row in (r for r in rows if not r.is_base):
         if (reason := bounds.beyond(row.setting)) is not None:
             raise StictionError(f"{row.where}: {reason}")
         if math.isfinite(row.tau_nm):
-            _check_torque(row, base[row.cell], math.inf, settings.most_ratio)
+            _check_torque(row, base[row.configuration], math.inf, settings.most_ratio)
 
 
 def _check_torque(row: MeasuredRow, base: float, below: float, above: float) -> None:
     """Raise unless a torque has its direction's sign and is within factors of the base torque."""
-    sign = 1.0 if row.direction == "+" else -1.0
     what = f"{row.where}: tau_nm is {row.tau_nm:g}"
-    if sign * row.tau_nm <= 0:
-        expected = "> 0" if sign > 0 else "< 0"
-        raise StictionError(f"{what} in direction {row.direction}: expected {expected}")
+    if row.configuration.sign * row.tau_nm <= 0:
+        expected = "> 0" if row.configuration.sign > 0 else "< 0"
+        raise StictionError(
+            f"{what} in direction {row.configuration.direction}: expected {expected}"
+        )
     if not base / below <= abs(row.tau_nm) <= base * above:
         low = f"{base / below:.3g} to " if math.isfinite(below) else "up to "
         raise StictionError(
@@ -131,37 +111,38 @@ def add_measured(study: KeptRows, rows: Sequence[MeasuredRow], file: str) -> int
     """
     if file in study.every:
         return 0
-    cells = [[*r.cell, r.setting.frequency_hz, r.amplitude_nm, r.tau_nm] for r in rows]
+    numbers = [(r.setting.frequency_hz, r.setting.amplitude_nm, r.tau_nm) for r in rows]
+    cells = [[*astuple(r.configuration), *x] for r, x in zip(rows, numbers, strict=True)]
     study.add(file, cells)
     return len({r.setting for r in rows})
 
 
 def readings(
     study: KeptRows, predicted: Predicted, same: float
-) -> tuple[dict[int, Readings], list[Cell]]:
-    """Return the measurements of every joint's settings, and cells without a base torque.
+) -> tuple[dict[int, Readings], list[Configuration]]:
+    """Return the measurements of every joint's settings, and configurations without a base torque.
 
     A torque is divided by the base torques of the same table if it has any, else by those of all
     tables, else by the simulated one. ``same`` is that of `Predicted.find`.
     """
-    rows: list[tuple[str, Cell, float, float, float]] = [
-        (file, (joint, load, direction), *numbers)
+    rows: list[tuple[str, Configuration, float, float, float]] = [
+        (file, Configuration(joint, load, direction), *numbers)
         for file, table in study.every.items()
         if file != PREDICTIONS
         for joint, load, direction, *numbers in table
     ]
-    base: defaultdict[tuple[str, Cell], list[float]] = defaultdict(list)
-    for file, cell, _, amplitude, tau in rows:
+    base: defaultdict[tuple[str, Configuration], list[float]] = defaultdict(list)
+    for file, c, _, amplitude, tau in rows:
         if amplitude == 0 and math.isfinite(tau):
             for where in (file, ""):
-                base[where, cell].append(abs(tau))
+                base[where, c].append(abs(tau))
     out: dict[int, list[tuple[int, int, float]]] = {j: [] for j in predicted.candidates}
-    for file, cell, frequency, amplitude, tau in rows:
-        row = AmplitudeRow(cell[0], frequency, amplitude)
+    for file, c, frequency, amplitude, tau in rows:
+        row = AmplitudeRow(c.joint, frequency, amplitude)
         at = predicted.find(row, same) if amplitude else None
         if at is not None:
-            taus = base[file, cell] or base["", cell] or [predicted.base_nm[cell]]
+            taus = base[file, c] or base["", c] or [predicted.base_nm[c]]
             ratio = abs(tau) / float(np.mean(taus))
-            out[cell[0]].append((at, CONFIGURATIONS.index(cell[1:]), ratio))
+            out[c.joint].append((at, CONFIGURATIONS.index((c.load, c.direction)), ratio))
     found = {j: Readings(len(c), out[j]) for j, c in predicted.candidates.items()}
-    return found, [cell for cell in sorted(predicted.base_nm) if not base["", cell]]
+    return found, [c for c in sorted(predicted.base_nm) if not base["", c]]

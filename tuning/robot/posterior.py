@@ -31,7 +31,7 @@ from scipy.special import ndtr
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Kernel
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
+from stiction_envs.measured.tables import DIRECTIONS, LOADS, AmplitudeRow
 from tuning.settings import RobotSettings
 
 CONFIGURATIONS = tuple((load, direction) for load in LOADS for direction in DIRECTIONS)
@@ -42,16 +42,11 @@ CONFIGURATIONS = tuple((load, direction) for load in LOADS for direction in DIRE
 class Candidates:
     """S settings of one joint; a setting is tried in four configurations (`CONFIGURATIONS`)."""
 
-    joint: int
-    """Number of the joint, from 1."""
-    frequency_hz: Array
-    """(S,) frequency [Hz]."""
-    amplitude_nm: Array
-    """(S,) amplitude [N·m]."""
-    predicted: Array
-    """(S, 4) simulated |τ|/|τ_base|: the prior mean [-]."""
-    displacement: Array
-    """(S, 4) simulated root mean square oscillation before breakaway [rad]."""
+    joint: int  # Number of the joint, from 1
+    frequency_hz: Array  # (S,) frequency [Hz]
+    amplitude_nm: Array  # (S,) amplitude [N·m]
+    predicted: Array  # (S, 4) simulated |τ|/|τ_base|: the prior mean [-]
+    displacement: Array  # (S, 4) simulated root mean square oscillation before breakaway [rad]
     deviation: Array
     """(K, S, 4) by how much the predictions under each of K frictions differ from their mean, which
     is ``predicted`` [-]."""
@@ -60,6 +55,11 @@ class Candidates:
 
     def __len__(self) -> int:
         return len(self.frequency_hz)
+
+    def row(self, setting: int) -> AmplitudeRow:
+        """Return a setting as a row of an amplitude table."""
+        frequency, amplitude = self.frequency_hz[setting], self.amplitude_nm[setting]
+        return AmplitudeRow(self.joint, float(frequency), float(amplitude))
 
     def with_more(self, other: Candidates) -> Candidates:
         """Return these candidates and others of the same joint."""
@@ -161,22 +161,55 @@ def widening(d: Array, weighted: Array, s: RobotSettings) -> float:
     return max(1.0, float((s.firmness + d @ weighted) / (s.firmness + len(d))))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Posterior:
-    """Normal distribution of |τ|/|τ_base| of every setting of a joint."""
+    """Normal distribution of |τ|/|τ_base| of every setting of a joint, after some readings."""
 
-    mean: Array
-    """(S,) mean over the four configurations [-]."""
-    covariance: Array
-    """(S, S) covariance of these means [-]."""
-    cell_mean: Array
-    """(S, 4) mean of each configuration [-]."""
-    eligible: Bools
+    def __init__(self, candidates: Candidates, readings: Readings, settings: RobotSettings) -> None:
+        """Take all readings but the failed ones; without any it is the prior."""
+        self.candidates, self.readings, self.settings = candidates, readings, settings
+        s, at, m = settings, readings.cell, candidates.predicted.ravel()
+        prior = prior_covariance(candidates, s)
+        mean, covariance = m, prior
+        if len(at):
+            d = readings.ratio - m[at]
+            factor = cho_factor(prior[np.ix_(at, at)] + s.noise**2 * np.eye(len(at)), lower=True)
+            weighted = cho_solve(factor, d)
+            mean = m + prior[:, at] @ weighted
+            covariance = prior - prior[:, at] @ cho_solve(factor, prior[at])
+            covariance = covariance * widening(d, weighted, s)
+        cells = (len(candidates), 4)
+        self.cell_mean: Array = mean.reshape(cells)
+        """(S, 4) mean of each configuration [-]."""
+        self.mean: Array = self.cell_mean.mean(axis=1)
+        """(S,) mean over the four configurations [-]."""
+        self.covariance: Array = covariance.reshape(*cells, *cells).mean(axis=(1, 3))
+        """(S, S) covariance of these means [-]."""
 
     @property
     def sd(self) -> Array:
         """(S,) standard deviation of the mean over the four configurations [-]."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def best(self) -> int | None:
+        """Setting of the lowest mean among the eligible ones measured in all four configurations.
+
+        None if no eligible setting was.
+        """
+        measured = np.flatnonzero(self.readings.measured & self.candidates.eligible)
+        return int(measured[self.mean[measured].argmin()]) if len(measured) else None
+
+    @property
+    def chosen(self) -> int:
+        """The best measured setting, or else the best predicted one."""
+        mean = np.where(self.candidates.eligible, self.mean, np.inf)
+        return int(mean.argmin()) if self.best is None else self.best
+
+    @property
+    def open(self) -> Bools:
+        """(S,) whether a setting may be proposed: not fully measured, and nothing failed."""
+        r = self.readings
+        return np.asarray(self.candidates.eligible & ~r.tried.all(axis=1) & ~r.failed)
 
     def advantage(self, best: int) -> tuple[Array, Array]:
         """Return (S,) mean and standard deviation of how much lower each is than ``best`` [-].
@@ -187,95 +220,53 @@ class Posterior:
         variance = np.diag(k) + k[best, best] - 2 * k[best]
         return self.mean[best] - self.mean, np.sqrt(np.maximum(variance, 0.0))
 
+    @property
+    def expected_improvement(self) -> Array:
+        """(S,) expected reduction of |τ|/|τ_base| below that of the best measured setting [-].
 
-def posterior_of(candidates: Candidates, readings: Readings, s: RobotSettings) -> Posterior:
-    """Return the posterior after some readings, without the failed ones; without any the prior."""
-    at, m, prior = readings.cell, candidates.predicted.ravel(), prior_covariance(candidates, s)
-    mean, covariance = m, prior
-    if len(at):
-        d = readings.ratio - m[at]
-        factor = cho_factor(prior[np.ix_(at, at)] + s.noise**2 * np.eye(len(at)), lower=True)
-        weighted = cho_solve(factor, d)
-        mean = m + prior[:, at] @ weighted
-        covariance = prior - prior[:, at] @ cho_solve(factor, prior[at])
-        covariance = covariance * widening(d, weighted, s)
-    cells = (len(candidates), 4)
-    mean = mean.reshape(cells)
-    blocks = covariance.reshape(*cells, *cells)
-    return Posterior(
-        mean=mean.mean(axis=1),
-        covariance=blocks.mean(axis=(1, 3)),
-        cell_mean=mean,
-        eligible=candidates.eligible,
-    )
+        Without a best one so far, it is the predicted effect: the lowest mean comes first.
+        """
+        if self.best is None:
+            return 1.0 + self.mean.max() - self.mean
+        mean, sd = self.advantage(self.best)
+        z = mean / np.maximum(sd, 1e-12)
+        return np.asarray(mean * ndtr(z) + sd * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi))
 
+    def next_settings(self, count: int) -> list[int]:
+        """Return up to ``count`` settings to measure next, the most promising first.
 
-# ---- the next setting ----------------------------------------------------------------------------
+        A setting that was measured in some configurations may be among them, for the others. The
+        list is shorter, or empty, when every setting was measured.
+        """
+        chosen, believed = list[int](), self
+        while len(chosen) < count and believed.open.any():
+            gain = np.where(believed.open, believed.expected_improvement, -np.inf)
+            setting = int(gain.argmax())
+            chosen.append(setting)
+            missing = np.flatnonzero(~believed.readings.tried[setting])
+            cells = [(setting, int(c), float(believed.cell_mean[setting, c])) for c in missing]
+            readings = believed.readings.with_rows(cells)
+            believed = Posterior(self.candidates, readings, self.settings)
+        return chosen
 
+    @cached_property
+    def chance_of_better(self) -> float:
+        """Probability that any untried setting beats the best one by more than the tolerance [-].
 
-def best_measured(posterior: Posterior, readings: Readings) -> int | None:
-    """Return the setting of the lowest posterior mean that was measured in all four configurations.
+        The probability is for all untried settings together, estimated from draws: 1 where none was
+        fully measured, 0 where none is left.
+        """
+        s, free, best = self.settings, np.flatnonzero(self.open), self.best
+        if not len(free) or best is None:
+            return float(len(free) > 0)
+        at = np.append(free, best)
+        values, vectors = np.linalg.eigh(self.covariance[np.ix_(at, at)])
+        normal = np.random.default_rng(s.seed).standard_normal((s.draws, len(at)))
+        drawn = self.mean[at] + normal @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        better = drawn[:, -1] - drawn[:, :-1].min(axis=1) > s.tolerance
+        return float(better.mean())
 
-    None if no eligible setting was.
-    """
-    measured = np.flatnonzero(readings.measured & posterior.eligible)
-    return int(measured[posterior.mean[measured].argmin()]) if len(measured) else None
-
-
-def open_settings(readings: Readings, eligible: Bools) -> Bools:
-    """Return (S,) whether a setting may be proposed: not fully measured, and nothing failed."""
-    return np.asarray(eligible & ~readings.tried.all(axis=1) & ~readings.failed)
-
-
-def expected_improvement(posterior: Posterior, best: int | None) -> Array:
-    """Return (S,) expected reduction of |τ|/|τ_base| below that of ``best`` [-].
-
-    Without a best one so far, it is the predicted effect: the lowest mean comes first.
-    """
-    if best is None:
-        return 1.0 + posterior.mean.max() - posterior.mean
-    mean, sd = posterior.advantage(best)
-    z = mean / np.maximum(sd, 1e-12)
-    return np.asarray(mean * ndtr(z) + sd * np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi))
-
-
-def next_settings(
-    candidates: Candidates, readings: Readings, count: int, s: RobotSettings
-) -> list[int]:
-    """Return up to ``count`` settings to measure next, the most promising first.
-
-    A setting that was measured in some configurations may be among them, for the others. The list
-    is shorter, or empty, when every setting was measured.
-    """
-    chosen: list[int] = []
-    while len(chosen) < count:
-        free = open_settings(readings, candidates.eligible)
-        if not free.any():
-            break
-        posterior = posterior_of(candidates, readings, s)
-        gain = expected_improvement(posterior, best_measured(posterior, readings))
-        setting = int(np.where(free, gain, -np.inf).argmax())
-        chosen.append(setting)
-        missing = np.flatnonzero(~readings.tried[setting])
-        readings = readings.with_rows(
-            [(setting, int(c), float(posterior.cell_mean[setting, c])) for c in missing]
-        )
-    return chosen
-
-
-def chance_of_better(posterior: Posterior, readings: Readings, s: RobotSettings) -> float:
-    """Return the probability that any untried setting beats the best one by the tolerance [-].
-
-    The probability is for all untried settings together, estimated from draws: 1 where none was
-    fully measured, 0 where none is left. Stop when it is below 1 − ``confidence``.
-    """
-    free = np.flatnonzero(open_settings(readings, posterior.eligible))
-    best = best_measured(posterior, readings)
-    if not len(free) or best is None:
-        return float(len(free) > 0)
-    at = np.append(free, best)
-    values, vectors = np.linalg.eigh(posterior.covariance[np.ix_(at, at)])
-    normal = np.random.default_rng(s.seed).standard_normal((s.draws, len(at)))
-    drawn = posterior.mean[at] + normal @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
-    better = drawn[:, -1] - drawn[:, :-1].min(axis=1) > s.tolerance
-    return float(better.mean())
+    @property
+    def may_stop(self) -> bool:
+        """True if no untried setting is likely to be better."""
+        return self.chance_of_better < 1.0 - self.settings.confidence

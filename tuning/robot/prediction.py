@@ -7,12 +7,13 @@ reaches the displacement limit, where the best setting usually lies, and none be
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.robot.posterior import Candidates
@@ -25,8 +26,6 @@ MARGIN = 0.97
 (assumed)."""
 PREDICTIONS = "predictions"
 """Key of the predictions in a robot's study; each other row is an entered table."""
-Cell = tuple[int, str, str]
-"""Joint, pose, direction."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,10 +33,8 @@ class Predicted:
     """Candidates of every joint, and the simulated base torques."""
 
     candidates: Mapping[int, Candidates]
-    base_nm: Mapping[Cell, float]
-    """|τ_base| of every cell [N·m]."""
-    limit: Sequence[float]
-    """(n,) largest displacement [rad]; inf for no limit."""
+    base_nm: Mapping[Configuration, float]  # |τ_base| [N·m]
+    limit: Sequence[float]  # (n,) largest displacement [rad]; inf for no limit
 
     def find(self, row: AmplitudeRow, same: float) -> int | None:
         """Return the number of a setting among its joint's, relative difference up to ``same``."""
@@ -59,7 +56,7 @@ class Predicted:
                 int(j): Candidates(joint=int(j), **{k: np.array(v) for k, v in c.items()})
                 for j, c in found["joints"].items()
             },
-            base_nm={(j, load, direction): tau for j, load, direction, tau in found["base"]},
+            base_nm={Configuration(*place): tau for *place, tau in found["base"]},
             limit=found["limit"],
         )
 
@@ -70,7 +67,7 @@ class Predicted:
                 str(j): {f.name: getattr(c, f.name).tolist() for f in fields(c)[1:]}
                 for j, c in self.candidates.items()
             },
-            "base": [[*cell, tau] for cell, tau in self.base_nm.items()],
+            "base": [[*astuple(c), tau] for c, tau in self.base_nm.items()],
             "limit": [*self.limit],
         }
         study.add(PREDICTIONS, row)
@@ -122,9 +119,7 @@ def predict(objective: BreakawayObjective, settings: RobotSettings) -> dict[int,
                 f"joint {j}: no setting within the bounds keeps to the displacement limit of "
                 f"{limit[j - 1]:.3g} rad and frees it in simulation: expected one or more"
             )
-        out[j] = candidates_of(
-            j, {row: kept[row] for row in sorted(kept, key=_place)}, limit[j - 1]
-        )
+        out[j] = candidates_of(j, {r: kept[r] for r in sorted(kept, key=astuple)}, limit[j - 1])
     return out
 
 
@@ -148,17 +143,12 @@ def candidates_of(joint: int, found: Mapping[AmplitudeRow, Breakaway], limit: fl
     )
 
 
-def _place(row: AmplitudeRow) -> tuple[float, float]:
-    return row.frequency_hz, row.amplitude_nm
-
-
 def _at_limit(found: Mapping[AmplitudeRow, Breakaway], limit: Array) -> list[AmplitudeRow]:
     """Return for every joint and frequency the amplitude that reaches the limit, interpolated."""
     out = []
     for joint, frequency in dict.fromkeys((r.joint, r.frequency_hz) for r in found):
-        mine = sorted(
-            (r for r in found if (r.joint, r.frequency_hz) == (joint, frequency)), key=_place
-        )
+        mine = [r for r in found if (r.joint, r.frequency_hz) == (joint, frequency)]
+        mine.sort(key=astuple)
         a = np.array([r.amplitude_nm for r in mine])
         x = np.maximum.accumulate([found[r].displacement for r in mine])
         aim = MARGIN * limit[joint - 1]

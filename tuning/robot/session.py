@@ -25,9 +25,11 @@ from tuning.robot.measured_table import (
     add_measured,
     check_measured,
     read_measured,
+    readings,
 )
+from tuning.robot.posterior import Posterior
 from tuning.robot.prediction import Predicted, candidates_of, predict
-from tuning.robot.report import RobotState, state_of, write_state
+from tuning.robot.report import RobotState, write_state
 from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import plausible
@@ -67,13 +69,13 @@ class Session:
         )
         e, arm = self.experiment, self.experiment.sticking.arm
         self.bounds = bounds_of(e, bounds, self.settings.bounds)
-        if limit is None:
-            self.limits = next(iter(reference_tables(e, self.bounds, self.settings).values()))
-        else:
-            read = read_amplitudes(limit, n_joints=arm.n, torque_limit=arm.limits.torque)
-            self.limits = tuple(read)
+        self.limits = (
+            next(iter(reference_tables(e, self.bounds, self.settings).values()))
+            if limit is None
+            else tuple(read_amplitudes(limit, n_joints=arm.n, torque_limit=arm.limits.torque))
+        )
         defining = {
-            "bounds": self.bounds.to_json(),
+            "bounds": vars(self.bounds),
             "limits": [dataclasses.astuple(r) for r in self.limits],
             "settings": dataclasses.asdict(self.settings.robot),
         }
@@ -97,8 +99,7 @@ class Session:
         """
         checked_array(count, "number of settings to ask for", (), low=1)
         with self.folder:
-            study, predicted = self.open()
-            state = state_of(self.experiment, study, predicted, self.settings.robot, count)
+            state = self._state(*self.open(), count)
             write_state(self.folder.path, state, asked=True)
         return state
 
@@ -113,17 +114,29 @@ class Session:
         """
         path, experiment = Path(table), self.experiment
         rows = read_measured(path, experiment.sticking.arm.name, experiment.n)
-        jobs = {j.configuration: j for j in experiment.jobs()}
-        rough = {(c.joint, c.load, c.direction): experiment.expected(j) for c, j in jobs.items()}
+        rough = {j.configuration: experiment.expected(j) for j in experiment.jobs()}
         check_measured(rows, self.bounds, rough, self.settings.robot)
         with self.folder:
             study, predicted = self.open()
             predicted = self.with_measured(study, predicted, rows)
             new = add_measured(study, rows, sha256(path))
-            state = state_of(experiment, study, predicted, self.settings.robot, 1)
-            state = dataclasses.replace(state, told=new)
+            state = self._state(study, predicted, 1, told=new)
             write_state(self.folder.path, state, asked=False)
         return state
+
+    def _state(
+        self, study: KeptRows, predicted: Predicted, count: int, told: int = 0
+    ) -> RobotState:
+        """Return the present results, with up to ``count`` settings per joint to measure."""
+        settings, candidates = self.settings.robot, predicted.candidates
+        measured, missing = readings(study, predicted, settings.same)
+        joints = [Posterior(c, measured[j], settings) for j, c in sorted(candidates.items())]
+        return RobotState(
+            sticking=self.experiment.sticking,
+            joints={p: [] if p.may_stop else p.next_settings(count) for p in joints},
+            missing=missing,
+            told=told,
+        )
 
     def open(self) -> tuple[KeptRows, Predicted]:
         """Return study and predictions; simulate the candidate settings once."""
@@ -131,10 +144,9 @@ class Session:
         predicted = Predicted.read(study)
         if predicted is None:
             objective = self._objective
-            base = objective.base[0].items()
             predicted = Predicted(
                 candidates=predict(objective, self.settings.robot),
-                base_nm={(c.joint, c.load, c.direction): abs(m.mean) for c, m in base},
+                base_nm={c: abs(m.mean) for c, m in objective.base[0].items()},
                 limit=objective.displacement.tolist(),
             )
             predicted.write(study)

@@ -30,8 +30,7 @@ from tuning.study.record import Parameters
 Table = tuple[AmplitudeRow, ...]
 BELOW_NYQUIST = 0.9
 """Highest frequency without a user's file over half the controller's rate [-] (assumed)."""
-TRIED = 2000
-"""Frequencies checked to find those outside forbidden bands (assumed)."""
+TRIED = 2000  # Frequencies checked to find those outside forbidden bands (assumed)
 PER_JOINT = ("amplitude_nm", "frequency_hz", "displacement_rad", "forbidden_hz")
 WHOLE_ARM = ("vibration_mm", "vibration_at_rest_mm")
 
@@ -40,12 +39,9 @@ WHOLE_ARM = ("vibration_mm", "vibration_at_rest_mm")
 class Bounds:
     """Range of a search on an arm of n joints."""
 
-    amplitude_nm: Array
-    """(n, 2) [N·m]."""
-    frequency_hz: Array
-    """(n, 2) [Hz]."""
-    torque_rate: Array
-    """(n,) [N·m/s]; inf is no limit."""
+    amplitude_nm: Array  # (n, 2) [N·m]
+    frequency_hz: Array  # (n, 2) [Hz]
+    torque_rate: Array  # (n,) [N·m/s]; inf is no limit
     forbidden_hz: tuple[tuple[tuple[float, float], ...], ...]
     """Per joint, bands that no setting may lie in [Hz]."""
     displacement_rad: Array
@@ -57,10 +53,6 @@ class Bounds:
     def n(self) -> int:
         """Number of joints."""
         return len(self.torque_rate)
-
-    def to_json(self) -> dict[str, object]:
-        """Return JSON values."""
-        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
 
     def largest(self, joint: int, frequency_hz: float) -> float:
         """Return the largest amplitude of a joint (from 1) at a frequency [N·m]."""

@@ -8,7 +8,7 @@ A setting of one joint is measured in its four configurations under every fricti
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 
@@ -30,12 +30,10 @@ from tuning.study.record import LIMITS, Parameters, TrialOutcome
 class Breakaway:
     """Result of one setting of one joint."""
 
-    tau: Array
-    """(frictions, 4) torque at which the joint breaks away in every configuration [N·m]."""
+    tau: Array  # (frictions, 4) torque at which the joint breaks away in every configuration [N·m]
     ratio: Array
     """(frictions, 4) |tau| / |tau_base| of every configuration [-]; NaN where the joint stuck."""
-    oscillation: Array
-    """(frictions, 4) root mean square oscillation before breakaway [rad]."""
+    oscillation: Array  # (frictions, 4) root mean square oscillation before breakaway [rad]
 
     @property
     def displacement(self) -> float:
@@ -94,19 +92,13 @@ class BreakawayObjective:
             experiment.replace(sticking=build(arm, p, timestep=timestep)) for p in frictions
         ]
         self.n = experiment.n
-        self.base = [
-            {
-                m.job.configuration: m
-                for m in e.run(e.jobs(), iterations=iterations, progress=progress)
-            }
-            for e in self.experiments
-        ]
-        for base in self.base:
-            for c, m in base.items():
-                if not np.isfinite(m.mean):
-                    raise ExperimentError(
-                        f"joint {c.joint}, {c.load}, {c.direction}: stuck without dither"
-                    )
+        runs = self._run(experiment.jobs())
+        self.base = [{job.configuration: m for job, m in run.items()} for run in runs]
+        for c, m in (one for base in self.base for one in base.items()):
+            if m.is_stuck:
+                raise ExperimentError(
+                    f"joint {c.joint}, {c.load}, {c.direction}: stuck without dither"
+                )
         self._limits = {r.joint: r for r in limits if r.amplitude_nm > 0}
 
     @cached_property
@@ -122,11 +114,7 @@ class BreakawayObjective:
     def measure(self, rows: Sequence[AmplitudeRow]) -> dict[AmplitudeRow, Breakaway]:
         """Measure settings, all in one batch per friction."""
         jobs = {row: [Job.of(c, row) for c in configurations(self.n, [row.joint])] for row in rows}
-        wanted = list(dict.fromkeys(job for group in jobs.values() for job in group))
-        found: list[Mapping[Job, Measurement]] = [
-            {m.job: m for m in e.run(wanted, iterations=self.iterations, progress=self.progress)}
-            for e in self.experiments
-        ]
+        found = self._run(list(dict.fromkeys(job for group in jobs.values() for job in group)))
         out = {}
         for row, group in jobs.items():
             tau = np.array([[f[job].mean for job in group] for f in found])
@@ -138,6 +126,12 @@ class BreakawayObjective:
             )
         return out
 
+    def _run(self, jobs: list[Job]) -> list[dict[Job, Measurement]]:
+        """Measure jobs under every friction."""
+        repeats, report = self.iterations, self.progress
+        runs = [e.run(jobs, iterations=repeats, progress=report) for e in self.experiments]
+        return [{m.job: m for m in run} for run in runs]
+
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
         """Return outcomes of settings (joint from 0, parameters of `Bounds.space`)."""
         rows = [self.bounds.setting(j + 1, parameters) for j, parameters in asked]
@@ -146,8 +140,9 @@ class BreakawayObjective:
 
     def outcome(self, row: AmplitudeRow, found: Breakaway) -> TrialOutcome:
         """Return the stored outcome of a setting."""
-        limit = self.displacement[row.joint - 1]
-        shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
+        shaken = float(
+            found.displacement / self.displacement[row.joint - 1] - 1.0
+        )  # -1 where there is no limit
         rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
         price = (found.displacement,) if self.pareto else ()
         return TrialOutcome(

@@ -15,8 +15,7 @@ from tuning.study.record import Record
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 COLOURS = ("#c0285f", "#d1701a", "#2b7bba", "#4a9a4a", "#8c6bb1", "#8a5a2b", "#1a7a6a", "#555555")
-LEAST = 8
-"""Fewest trials for a landscape (assumed)."""
+LEAST = 8  # Fewest trials for a landscape (assumed)
 
 
 def landscape(

@@ -16,14 +16,14 @@ from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import SJERow, write_sje
 from stiction_envs.reporting.json_text import JsonRecord
-from stiction_envs.reporting.markdown import signed, table_text
+from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol.tune import gains_table
 from tuning.search import figures
 from tuning.search.bounds import Table
 from tuning.search.stages import SEARCHED, SearchStages
 from tuning.search.trials import allowed, complete
-from tuning.search.verify import LEFT, NOTHING, Verified
+from tuning.search.verify import AT_REST, NOTHING, PathResult, Verified
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "search.md.j2"
 COMPARISON = ("table", "experiment", "where", "measure", "value", "low", "high")
@@ -94,16 +94,17 @@ def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, ob
     out, tuned = [], verified.tracking[chosen]
     for name, paths in verified.tracking.items():
         if name.endswith("as believed") and all(
-            paths[p].position[0] * paths[p].orientation[0]
-            < tuned[p].position[0] * tuned[p].orientation[0]
-            and paths[p].vibration_at_rest_m <= tuned[p].vibration_at_rest_m
-            for p in verified.paths
+            _error(x) < _error(tuned[p]) and x.totals[AT_REST] <= tuned[p].totals[AT_REST]
+            for p, x in paths.items()
         ):
-            worst = {
-                k: max(100 * getattr(paths[p], k)[0] for p in verified.paths) for k in LEFT[:2]
-            }
+            kinds = ("position", "orientation")
+            worst = {k: max(100 * x.left[k][0] for x in paths.values()) for k in kinds}
             out.append({"kind": name.split(",")[0], **worst})
     return out
+
+
+def _error(result: PathResult) -> float:
+    return result.left["position"][0] * result.left["orientation"][0]
 
 
 def _treatments(found: SearchStages, verified: Verified) -> tuple[JsonRecord, str]:
@@ -159,10 +160,8 @@ def _write_comparison(path: Path, verified: Verified) -> None:
     for name, paths in verified.tracking.items():
         for where, result in paths.items():
             place = (name, "gte", where)
-            for measure in LEFT:
-                lines.append((*place, f"{measure}_left", *getattr(result, measure)))
-            for measure in ("vibration_m", "vibration_at_rest_m", "power_w", "torque_rate_nm_s"):
-                lines.append((*place, measure, getattr(result, measure), "", ""))
+            lines += [(*place, f"{name}_left", *three) for name, three in result.left.items()]
+            lines += [(*place, name, total, "", "") for name, total in result.totals.items()]
     write_lines(path, COMPARISON, lines)
 
 
@@ -195,9 +194,8 @@ def _joint_table(found: SearchStages, verified: Verified) -> str:
             if j not in joints:
                 row.append("–")
                 continue
-            mean, low, high = (100 * x for x in joints[j].reduction)
-            span = "" if np.isnan(low) else f" ({low:.0f} … {high:.0f})"
-            row.append(f"{mean:.1f}{span}, {1e3 * joints[j].displacement:.3f} mrad")
+            reduction = _interval(*(100 * x for x in joints[j].reduction))
+            row.append(f"{reduction}, {1e3 * joints[j].displacement:.3f} mrad")
         rows.append([*row, f"{_mean_reduction(found, verified, name):.1f}"])
     return table_text(header, rows)
 
@@ -208,12 +206,13 @@ def _path_table(verified: Verified) -> str:
     header += ["vibration [mm]", "at rest [mm]", "power [W]"]
     rows = []
     for name, paths in verified.tracking.items():
-        for path in verified.paths:
-            r = paths[path]
-            row = [name, path]
-            for mean, low, high in (getattr(r, measure) for measure in LEFT):
-                span = "" if np.isnan(low) else f" ({100 * low:.0f} … {100 * high:.0f})"
-                row.append(f"{100 * mean:.1f}{span}")
-            row += [f"{1e3 * r.vibration_m:.4f}", f"{1e3 * r.vibration_at_rest_m:.4f}"]
-            rows.append([*row, signed(r.power_w, 2).lstrip("+")])
+        for path, result in paths.items():
+            left = [_interval(*(100 * x for x in three)) for three in result.left.values()]
+            moving, resting = (f"{1e3 * result.totals[x]:.4f}" for x in ("vibration_m", AT_REST))
+            rows.append([name, path, *left, moving, resting, number(result.totals["power_w"], 2)])
     return table_text(header, rows)
+
+
+def _interval(mean: float, low: float, high: float) -> str:
+    """Return a mean with its interval, which a single friction does not have."""
+    return f"{mean:.1f}" if np.isnan(low) else f"{mean:.1f} ({low:.0f} … {high:.0f})"

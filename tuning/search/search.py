@@ -120,16 +120,14 @@ def search(
         controller_rate_hz=sje.interface.controller_rate_hz,
     )
     tables = reference_tables(sje, where, s)
-    limits = next(iter(tables.values()))
-    if limit is not None:
-        limits = tuple(read(limit))
+    limits = next(iter(tables.values())) if limit is None else tuple(read(limit))
     tables |= {Path(p).stem: tuple(read(p)) for p in beside}
     run = open_run(
         "search",
         "search",
         sje,
         {
-            "bounds": where.to_json(),
+            "bounds": vars(where),
             "limits": [dataclasses.astuple(r) for r in limits],
             "options": {**dataclasses.asdict(options), "evaluations": None},
             "settings": {

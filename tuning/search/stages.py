@@ -27,18 +27,18 @@ from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import frictions
 from tuning.search.tracking import Place, TrackingObjective, Treatment
 from tuning.search.trials import best, front, score, write_trials
-from tuning.search.verify import NOTHING, Tracked, Unseen, Verified, another_start
+from tuning.search.verify import AT_REST, NOTHING, Tracked, Unseen, Verified, another_start
 from tuning.settings import TuningSettings
 from tuning.study.record import Parameters, Record, Space, TrialSearch
 from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import Progress, TuningRun, counted
 from tuning.study.workers import Evaluate, fill
 
-TUNED = TRAJECTORIES[:1]
-"""Paths on which a table is tuned; it is verified on others too."""
+TUNED = TRAJECTORIES[:1]  # Paths on which a table is tuned; it is verified on others too
 SEARCHED = "search gte"
 BELIEVED = ("feedforward", "push", "momentum_observer")
 """Compensations with the gains of the model, to compare with; the last leaves least error."""
+LAYOUT = "2"  # The form of rows in verified.jsonl; a run does not go on from rows of another one
 UNSEEN = 7919
 """Added to the seed of drawn frictions [-]; assumed: larger than the seeds that people use."""
 
@@ -65,8 +65,7 @@ class Options:
             raise StictionError("treatment: expected objective gte")
         if self.evaluations is not None:
             checked_array(self.evaluations, "evaluations", (), low=1)
-        paths = self.objective != "sje"
-        if self.sampler == "grid" and paths:
+        if self.sampler == "grid" and self.objective != "sje":
             raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
         if self.pareto and self.sampler == "cmaes":
             raise StictionError(
@@ -93,8 +92,7 @@ class SearchStages:
     sje: SingleJointExperiment
     bounds: Bounds
     others: dict[str, Table]
-    limits: Table
-    """Table whose displacement and vibration may not be exceeded."""
+    limits: Table  # Table whose displacement and vibration may not be exceeded
     options: Options
     settings: TuningSettings
     progress: Progress
@@ -104,8 +102,7 @@ class SearchStages:
     compensation: Compensation | None = None
     treatments: dict[str, Treatment] = dataclasses.field(default_factory=dict)
     """Results on paths, by the name of the treatment, or ``search gte``."""
-    chosen: str = ""
-    """Name of the treatment that is the result of the search on paths."""
+    chosen: str = ""  # Name of the treatment that is the result of the search on paths
 
     def __post_init__(self) -> None:
         self.search, self.seed = self.settings.search, self.sje.seed
@@ -165,40 +162,29 @@ class SearchStages:
         self.run.record(study, 1 + self.options.pareto, self.options.sampler_of(stage))
 
     def _search(
-        self,
-        stage: str,
-        study: str,
-        space: Space,
-        *,
-        seed: int,
-        startup: int,
-        population: int,
-        evaluations: int,
-        first: Parameters | None = None,
+        self, stage: str, study: str, space: Space, seed: int, first: Parameters | None = None
     ) -> TrialSearch:
         """Return a search by the sampler of a stage; a grid is one batch of all its cells."""
         s, options = self.search, self.options
         name = options.sampler_of(stage)
+        batch = s.population if name == "cmaes" else 1
+        startup, usual = s.startup, s.evaluations_sje
+        if stage == "gte":
+            startup, usual = s.population, s.evaluations_gte
+        evaluations = options.evaluations or usual
         begin: tuple[Parameters, ...] = () if first is None else (first,)
-        evaluations = options.evaluations or evaluations
         if name == "grid":
             begin = cells(space, s.points, seed)
-            population = len(begin)
-            evaluations = min(options.evaluations or population, population)
+            batch = len(begin)
+            evaluations = min(options.evaluations or batch, batch)
         return TrialSearch(
             record=self.run.record(study, 1 + options.pareto, name),
             space=space,
             sampler=sampler(
-                name,
-                space,
-                seed=seed,
-                startup=startup,
-                population=population,
-                first=first,
-                step=s.step,
+                name, space, seed=seed, startup=startup, population=batch, first=first, step=s.step
             ),
             evaluations=evaluations,
-            batch=population,
+            batch=batch,
             first=begin,
         )
 
@@ -208,10 +194,9 @@ class SearchStages:
 
     # ---- the SJE -----------------------------------------------------------------------------
 
-    @cached_property
-    def objective(self) -> BreakawayObjective:
-        """The SJE of this search, its base torques measured."""
-        out = BreakawayObjective(
+    def breakaway(self) -> Table:
+        """Search every joint separately; return the best setting of each."""
+        objective = BreakawayObjective(
             self.sje,
             self.bounds,
             self.frictions,
@@ -220,33 +205,19 @@ class SearchStages:
             pareto=self.options.pareto,
             progress=counted(self.progress, "base torques"),  # the total is not known
         )
-        out.progress = None  # from here on trials are counted
-        return out
-
-    def breakaway(self) -> Table:
-        """Search every joint separately; return the best setting of each."""
-        s, objective = self.search, self.objective
-        together = self.options.sampler_of("sje") == "cmaes"
+        objective.progress = None  # from here on trials are counted
         searches = [
-            self._search(
-                "sje",
-                f"sje-joint{j}",
-                self.bounds.space(j),
-                seed=self.seed * 1000 + j,
-                startup=s.startup,
-                population=s.population if together else 1,
-                evaluations=s.evaluations_sje,
-            )
+            self._search("sje", f"sje-joint{j}", self.bounds.space(j), self.seed * 1000 + j)
             for j in range(1, self.sje.n + 1)
         ]
         self._fill("sje", searches, objective.evaluate)
         rows = []
         for j, one in enumerate(searches, 1):
             chosen = best(one.record.trials)
-            if chosen is None or chosen.values[0] >= 1.0:
-                rows.append(AmplitudeRow(j, 0.0, 0.0))
-            else:
-                rows.append(self.bounds.setting(j, chosen.params))
+            row = AmplitudeRow(j, 0.0, 0.0)
+            if chosen is not None and chosen.values[0] < 1.0:
+                row = self.bounds.setting(j, chosen.params)
+            rows.append(row)
         return tuple(rows)
 
     # ---- the GTE -----------------------------------------------------------------------------
@@ -255,7 +226,6 @@ class SearchStages:
         """Search a treatment of the whole arm, ``kind`` of `Options.searched`; return the best."""
         s, options = self.search, self.options
         still = kind not in ("", "dither")
-        name = options.sampler_of("gte")
         places: list[Place] = [(path, k) for path in TUNED for k in thesis_stiffness()]
         objective = TrackingObjective(
             self._gte(self.seed),
@@ -267,28 +237,20 @@ class SearchStages:
             compensation=kind if still else "none",
             rest_margin=s.rest_margin if kind else None,
             limits=self.limits,
-            penalty=s.penalty if name == "cmaes" else 0.0,
+            penalty=s.penalty if options.sampler_of("gte") == "cmaes" else 0.0,
             pareto=options.pareto,
             settings=self.settings.bounds,
         )
         gentle = tuple(
             dataclasses.replace(r, amplitude_nm=s.gentle * r.amplitude_nm) for r in begin or ()
         )
-        one = self._search(
-            "gte",
-            _study(kind),
-            objective.space(),
-            seed=self.seed,
-            startup=s.population,
-            population=s.population if name == "cmaes" else 1,
-            evaluations=s.evaluations_gte,
-            first=objective.parameters(gentle or self.limits),
-        )
+        first = objective.parameters(gentle or self.limits)
+        one = self._search("gte", _study(kind), objective.space(), self.seed, first)
         self._fill("gte", [one], objective.evaluate)
         chosen = best(one.record.trials)
-        if chosen is None and kind:
-            return Treatment()
         if chosen is None:
+            if kind:
+                return Treatment()
             raise ExperimentError(
                 f"none of {one.evaluations} tables keeps the limits on vibration: expected a "
                 "larger limit, or more evaluations"
@@ -317,7 +279,7 @@ class SearchStages:
             for name in self.treatments
             if self.left(tracking, name) < 1.0
             and all(
-                result.vibration_at_rest_m <= tracking[NOTHING][path].vibration_at_rest_m + margin
+                result.totals[AT_REST] <= tracking[NOTHING][path].totals[AT_REST] + margin
                 for path, result in tracking[name].items()
             )
         ]
@@ -329,7 +291,7 @@ class SearchStages:
         The mean is over position and orientation at all goals.
         """
         unseen = [r for path, r in tracking[name].items() if path not in TUNED]
-        values = [x for r in unseen for x in (r.position[0], r.orientation[0])]
+        values = [r.left[x][0] for r in unseen for x in ("position", "orientation")]
         return float(np.exp(np.mean(np.log(values))))
 
     def needs(self, name: str) -> str:
@@ -363,7 +325,7 @@ class SearchStages:
             bounds=self.bounds,
             frictions=draws,
             settings=s,
-            kept=KeptRows(self.run.folder.path / "verified.jsonl"),
+            kept=KeptRows(self.run.folder.path / "verified.jsonl", code=LAYOUT),
             progress=partial(self.progress, "verification"),
         )
 

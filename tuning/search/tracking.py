@@ -38,8 +38,7 @@ class Treatment:
     """A measure against friction: dither, compensation, both or nothing."""
 
     dither: Table = ()
-    compensation: Compensation | None = None
-    """Added to the controller's torque."""
+    compensation: Compensation | None = None  # Added to the controller's torque
 
     def case(self, place: Place) -> Case:
         """Return the case of the experiment."""
@@ -58,19 +57,26 @@ class Tracking:
     errors: tuple[Array, ...]
     """Per place (F, G, 2) error left at each of its goals when the arm's time there is over:
     distance [m] and angle [rad]."""
-    vibration: Array
-    """(P, F) root mean square vibration during the motion, rotation included [m]."""
-    vibration_at_rest: Array
-    """(P, F) the same after the last goal was reached [m]."""
-    power: Array
-    """(P, F) power that the dither moves back and forth [W]."""
-    torque_rate: Array
-    """(P, F) largest change of torque on any joint [N·m/s]."""
+    vibration: Array  # (P, F) root mean square vibration during the motion, rotation included [m]
+    vibration_at_rest: Array  # (P, F) the same after the last goal was reached [m]
+    power: Array  # (P, F) power that the dither moves back and forth [W]
+    torque_rate: Array  # (P, F) largest change of torque on any joint [N·m/s]
 
     @property
     def shaking(self) -> tuple[float, float]:
         """Vibration moving and at rest, root mean square over places and frictions [m]."""
         return _rms(self.vibration), _rms(self.vibration_at_rest)
+
+    @property
+    def totals(self) -> dict[str, float]:
+        """Numbers over all places and frictions, by the names in ``trials.csv``."""
+        moving, resting = self.shaking
+        return {
+            "vibration_m": moving,
+            "vibration_at_rest_m": resting,
+            "power_w": float(self.power.mean()),
+            "torque_rate_nm_s": float(self.torque_rate.max()),
+        }
 
     def left(self, plain: Tracking) -> tuple[float, float]:
         """Return position and orientation error relative to another treatment, geometric means [-].
@@ -89,10 +95,8 @@ class Tracking:
         path, where the arm rests, a second after it was reached.
         """
         ratios = [np.log(x / y) for x, y in zip(self.errors, plain.errors, strict=True)]
-        every, last = (
-            np.exp(np.mean(values, axis=0))
-            for values in ([x.mean(axis=1) for x in ratios], [x[:, -1] for x in ratios])
-        )
+        every = np.exp(np.mean([x.mean(axis=1) for x in ratios], axis=0))
+        last = np.exp(np.mean([x[:, -1] for x in ratios], axis=0))
         names = ("position", "orientation", "resting_position", "resting_orientation")
         return dict(zip(names, (*every.T, *last.T), strict=True))
 
@@ -211,20 +215,26 @@ class TrackingObjective:
         frictions = [friction for _, _, friction in tried]
         runs = e.run(cases, iterations=self.iterations, parameters=frictions)
         found = [measure(run, e.protocol, e.motion) for run in runs]
-        shape = (len(treatments), len(self.places), len(self.frictions))
-        places = [found[k : k + shape[2]] for k in range(0, len(found), shape[2])]
-        errors = [np.stack([m.left.mean(axis=0) for m in place]) for place in places]
-        numbers = {
-            "vibration": [_rms(m.shaking) for m in found],
-            "vibration_at_rest": [_rms(m.shaking_at_rest) for m in found],
-            "power": [(m.dither_energy / m.duration).mean() for m in found],
-            "torque_rate": [m.torque_rate.max() for m in found],
-        }
-        values = {name: np.array(x, dtype=float).reshape(shape) for name, x in numbers.items()}
+        rows = [
+            (
+                _rms(m.shaking),
+                _rms(m.shaking_at_rest),
+                (m.dither_energy / m.duration).mean(),
+                m.torque_rate.max(),
+            )
+            for m in found
+        ]
+        p, f = len(self.places), len(self.frictions)
+        moving, resting, power, rate = np.array(rows).T.reshape(4, len(treatments), p, f)
+        left = [m.left.mean(axis=0) for m in found]
+        errors = [np.stack(left[k : k + f]) for k in range(0, len(left), f)]
         return [
             Tracking(
-                errors=tuple(errors[k * shape[1] : (k + 1) * shape[1]]),
-                **{name: x[k] for name, x in values.items()},
+                errors=tuple(errors[k * p : (k + 1) * p]),
+                vibration=moving[k],
+                vibration_at_rest=resting[k],
+                power=power[k],
+                torque_rate=rate[k],
             )
             for k in range(len(treatments))
         ]
@@ -240,15 +250,14 @@ class TrackingObjective:
         value = 0.5 * float(np.log(position) + np.log(orientation))
         if not np.isfinite(value):
             return TrialOutcome(values=None)
+        # shaken / inf: -1 where there is no limit
         over = [
-            shaken / limit - 1.0 if np.isfinite(limit) else -1.0
-            for shaken, limit in zip(found.shaking, self.vibration, strict=True)
+            float(x / most - 1.0) for x, most in zip(found.shaking, self.vibration, strict=True)
         ]
         constraints = [0.0, 0.0] if self.pareto else over[:]
         if np.isfinite(self.torque_rate):
             over.append(float(found.torque_rate.max()) / self.torque_rate - 1.0)
             constraints.append(over[-1])
-        moving, resting = found.shaking
         penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
         return TrialOutcome(
             values=(penalised, *found.shaking[: self.pareto]),
@@ -257,10 +266,7 @@ class TrackingObjective:
                 "objective": value,
                 "position_left": position,
                 "orientation_left": orientation,
-                "vibration_m": moving,
-                "vibration_at_rest_m": resting,
-                "power_w": float(found.power.mean()),
-                "torque_rate_nm_s": float(found.torque_rate.max()),
+                **found.totals,
                 LIMITS: over,
             },
         )

@@ -17,6 +17,7 @@ from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.robots import Arm
 from tuning.search.bounds import Bounds, Table
@@ -25,32 +26,21 @@ from tuning.search.tracking import TrackingObjective, Treatment
 from tuning.settings import SearchSettings
 from tuning.study.workers import Progress
 
-NOTHING = "no dither"
-LEFT = ("position", "orientation", "resting_position", "resting_orientation")
-"""Errors that are compared with those without dither."""
+NOTHING, AT_REST = "no dither", "vibration_at_rest_m"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathResult:
-    """Effect of a table on one path in the GTE, over no dither; geometric means and intervals."""
+    """Effect of a treatment on one path in the GTE."""
 
-    position: tuple[float, float, float]
-    """Position error left, mean over the goals [-]."""
-    orientation: tuple[float, float, float]
-    """Orientation error left, mean over the goals [-]."""
-    resting_position: tuple[float, float, float]
-    """Position error left at the last goal, a second after the arm reached it [-]."""
-    resting_orientation: tuple[float, float, float]
-    """Orientation error left there [-]."""
-    vibration_m: float
-    vibration_at_rest_m: float
-    power_w: float
-    torque_rate_nm_s: float
-    """Largest change of torque on any joint [N·m/s]."""
+    left: Mapping[str, tuple[float, float, float]]
+    """Errors over those without treatment, by the names of `Tracking.by_friction`: geometric mean
+    over frictions and its 95 % interval [-]."""
+    totals: Mapping[str, float]  # Numbers of `Tracking.totals`
 
 
 Tracked = Mapping[str, Mapping[str, PathResult]]
-"""Results by treatment and path."""
+"""Results by treatment and path; `RANDOM` stands for all random paths."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,13 +48,7 @@ class Verified:
     """All results of the repeated measurement."""
 
     breakaway: Mapping[str, Mapping[int, Breakaway]]
-    tracking: Tracked
-    """Empty where only the SJE was searched."""
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        """Names of the paths; `RANDOM` stands for all random ones."""
-        return tuple(next(iter(self.tracking.values()), ()))
+    tracking: Tracked  # Empty where only the SJE was searched
 
 
 def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
@@ -81,8 +65,7 @@ class Unseen:
     bounds: Bounds
     frictions: Sequence[FrictionParameters]
     settings: SearchSettings
-    kept: KeptRows
-    """Finished measurements, of this run and of one that was interrupted."""
+    kept: KeptRows  # Finished measurements, of this run and of one that was interrupted
     progress: Progress
 
     def breakaway(
@@ -90,19 +73,19 @@ class Unseen:
     ) -> dict[str, dict[int, Breakaway]]:
         """Measure every joint of every table in the SJE, all settings in one batch."""
         rows = {(k, r.joint): r for k, table in tables.items() for r in table if r.amplitude_nm}
-        kept, repeats = self.kept, self.settings.verify_iterations
-        missing = [row for row in dict.fromkeys(rows.values()) if repr(row) not in kept.every]
+        every, repeats = self.kept.every, self.settings.verify_iterations
+        missing = [row for row in dict.fromkeys(rows.values()) if repr(row) not in every]
         self.progress(0, len(missing))
         if missing:
             objective = BreakawayObjective(
                 experiment, self.bounds, self.frictions, iterations=repeats
             )
             for row, found in objective.measure(missing).items():
-                kept.add(repr(row), {name: x.tolist() for name, x in vars(found).items()})
+                self.kept.add(repr(row), {name: x.tolist() for name, x in vars(found).items()})
             self.progress(len(missing), len(missing))
         out: dict[str, dict[int, Breakaway]] = {name: {} for name in tables}
         for (name, joint), row in rows.items():
-            arrays = {k: np.array(x, dtype=float) for k, x in kept.every[repr(row)].items()}
+            arrays = {k: np.array(x, dtype=float) for k, x in every[repr(row)].items()}
             out[name][joint] = Breakaway(**arrays)
         return out
 
@@ -131,22 +114,17 @@ class Unseen:
                 iterations=self.settings.verify_iterations,
             )
             for key, found in zip(missing, objective.measure([*missing.values()]), strict=True):
-                row = {k: v.tolist() for k, v in found.by_friction(objective.plain).items()}
-                row["vibration_m"], row["vibration_at_rest_m"] = found.shaking
-                row["power_w"] = float(found.power.mean())
-                row["torque_rate_nm_s"] = float(found.torque_rate.max())
-                self.kept.add(key, row)
+                left = found.by_friction(objective.plain)
+                left_lists = {k: x.tolist() for k, x in left.items()}
+                self.kept.add(key, {"left": left_lists, "totals": found.totals})
         self.progress(len(groups), len(groups))
-        result: dict[str, dict[str, PathResult]] = {}
-        for name, treatment in treatments.items():
-            result[name] = {}
-            for path in groups:
-                row = every[f"{path} {treatment!r}"]
-                result[name][path] = PathResult(**{**row, **{k: _left(row[k]) for k in LEFT}})
-        return result
+        return {
+            name: {path: _result(every[f"{path} {treatment!r}"]) for path in groups}
+            for name, treatment in treatments.items()
+        }
 
 
-def _left(ratios: list[float]) -> tuple[float, float, float]:
-    """Return geometric mean and interval of ratios, one per friction."""
-    mean, low, high = interval(np.log(np.array(ratios, dtype=float)))
-    return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
+def _result(row: JsonRecord) -> PathResult:
+    """Return a kept row with geometric means and intervals in place of a ratio per friction."""
+    left = {k: np.exp(interval(np.log(np.array(x, dtype=float)))) for k, x in row["left"].items()}
+    return PathResult(left={k: tuple(x.tolist()) for k, x in left.items()}, totals=row["totals"])

@@ -18,24 +18,21 @@ from typing import Any
 
 import optuna
 from optuna.distributions import BaseDistribution
-from optuna.exceptions import StorageInternalError
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
-from sqlalchemy.exc import SQLAlchemyError
 
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
+from stiction_envs.reporting.json_text import JsonRecord, plain
 from tuning.settings import SharedSettings
 from tuning.study import storage as storages
-from tuning.study.storage import only_writer, open_storage, reason_of, writing
+from tuning.study.storage import only_writer, writing
 
 Parameters = dict[str, Any]
 """Setting of a trial by name: numbers, and choices of whatever kind a list has."""
 Space = Mapping[str, BaseDistribution]
 CONSTRAINTS = "constraints"
 """User attribute of a trial: its constraints, feasible where all are at most 0."""
-ABOUT = "about"
-"""User attribute of a study: its definition, each part as JSON."""
+ABOUT = "about"  # User attribute of a study: its definition, each part as JSON
 LIMITS = "limits"
 """User attribute: how far a trial passes limits that the sampler need not know; at most 0."""
 UNMEASURED = "unmeasured"
@@ -85,12 +82,10 @@ class Record:
         """The storage as it may be printed."""
         self.file = storages.storage_file(url)
         """File of the storage, None for a database server."""
-        opened = open_storage(storage, settings)
-        own = {
-            key: json.dumps(part, sort_keys=True, default=str)
-            for key, part in {"objectives": objectives, **about}.items()
-        }
-        try:
+        opened = storages.open_storage(storage, settings)
+        defining = {"objectives": objectives, **about}
+        own = {key: json.dumps(plain(part), sort_keys=True) for key, part in defining.items()}
+        with writing(self.place, StictionError, "cannot be written: "):
             self.study = optuna.create_study(
                 study_name=name,
                 storage=opened,
@@ -101,10 +96,6 @@ class Record:
             if known is None and not self.study.get_trials(deepcopy=False):
                 self.study.set_user_attr(ABOUT, own)
                 known = self.study.user_attrs[ABOUT]  # another machine may have written it
-        except (StorageInternalError, SQLAlchemyError, OSError) as error:
-            raise StictionError(
-                f"storage {self.place}: cannot be written: {reason_of(error)}"
-            ) from None
         if known is None:
             raise StictionError(
                 f"study {name!r}: was not made by stiction tune: expected another study"
@@ -148,8 +139,7 @@ class TrialSearch:
     sampler: Callable[[int], BaseSampler]
     """Makes the sampler of a trial of a given number; see `samplers.sampler`."""
     evaluations: int
-    batch: int = 1
-    """Trials proposed together; none of them knows the outcomes of the others."""
+    batch: int = 1  # Trials proposed together; none of them knows the outcomes of the others
     first: tuple[Parameters, ...] = ()
     """Settings that are known beforehand, tried before the sampler's: a start, or all of a grid."""
 

@@ -71,20 +71,11 @@ def sampler(
         warnings.warn(f"sampler {name} needs PyTorch: {used} is used", stacklevel=2)
 
     def make(seed: int) -> BaseSampler:
+        model: dict[str, Any] = {"n_startup_trials": startup, "constraints_func": constraints_of}
         if used == "gp":
-            return optuna.samplers.GPSampler(
-                seed=seed,
-                n_startup_trials=startup,
-                deterministic_objective=False,
-                constraints_func=constraints_of,
-            )
+            return optuna.samplers.GPSampler(seed=seed, deterministic_objective=False, **model)
         if used == "tpe":
-            return optuna.samplers.TPESampler(
-                seed=seed,
-                n_startup_trials=startup,
-                multivariate=True,
-                constraints_func=constraints_of,
-            )
+            return optuna.samplers.TPESampler(seed=seed, multivariate=True, **model)
         if used == "cmaes":
             return CmaEsFromTheStart(
                 space, seed=seed, x0=first, sigma0=step, popsize=population, n_startup_trials=0

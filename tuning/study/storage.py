@@ -86,15 +86,17 @@ def only_writer(file: Path) -> Iterator[None]:
 
 
 @contextmanager
-def writing(place: str) -> Iterator[None]:
-    """Raise an ExperimentError in place of what Optuna, SQLAlchemy or the system raises.
+def writing(
+    place: str, kind: type[StictionError] = ExperimentError, what: str = ""
+) -> Iterator[None]:
+    """Raise an error of a ``kind`` in place of what Optuna, SQLAlchemy or the system raises.
 
     The message has one line; ``place`` is the storage as it may be printed (`shown`).
     """
     try:
         yield
     except (optuna.exceptions.StorageInternalError, SQLAlchemyError, OSError) as error:
-        raise ExperimentError(f"storage {place}: {reason_of(error)}") from error
+        raise kind(f"storage {place}: {what}{reason_of(error)}") from error
 
 
 def parse(text: str) -> URL:

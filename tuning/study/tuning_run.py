@@ -44,8 +44,7 @@ class TuningRun:
     folder: OutputFolder
     about: Mapping[str, object]
     storage: str
-    study: str
-    """Prefix of the studies' names."""
+    study: str  # Prefix of the studies' names
     settings: SharedSettings
 
     def record(self, stage: str, objectives: int = 1, sampler: str | None = None) -> Record:
@@ -104,7 +103,7 @@ def open_run(
         **experiment.record,
         "protocol": protocol,
         "version": __version__,
-        "friction": {k: getattr(sticking.parameters, k).tolist() for k in QUANTITIES},
+        "friction": {k: getattr(sticking.parameters, k) for k in QUANTITIES},
         "sje": dataclasses.asdict(experiment.protocol),
         "seed": experiment.seed,
         **defining,

@@ -1,14 +1,18 @@
-"""A joint with made-up settings, for tests that need no simulation."""
+"""A joint with made-up settings, for tests that need no simulation; tables of made-up robots."""
 
 from __future__ import annotations
 
+import csv
+
 import numpy as np
 
-from tuning.robot import posterior
+from tests.command_line import csv_rows
 from tuning.robot.posterior import Candidates, Posterior, Readings
 from tuning.settings import tuning_settings
 
 S = tuning_settings().robot
+COLUMNS = ("robot", "joint", "load", "direction", "frequency_hz", "amplitude_nm", "tau_nm")
+BASE_NM = 0.8
 
 
 def joint(predicted: np.ndarray, frequencies: np.ndarray | None = None) -> Candidates:
@@ -32,12 +36,22 @@ def read(truth: np.ndarray, settings: list[int]) -> Readings:
 
 
 def posterior_of(candidates: Candidates, readings: Readings) -> Posterior:
-    return posterior.posterior_of(candidates, readings, S)
+    return Posterior(candidates, readings, S)
 
 
-def next_settings(candidates: Candidates, readings: Readings, count: int = 1) -> list[int]:
-    return posterior.next_settings(candidates, readings, count, S)
+def fill(out, name="told.csv", *, left=lambda joint, f: 0.9):
+    """Answer measure.csv as a robot whose dither leaves ``left`` of the base torque."""
+    rows = csv_rows(out / "measure.csv")
+    for row in rows:
+        f, dithered = float(row["frequency_hz"]), float(row["amplitude_nm"]) > 0
+        sign = 1 if row["direction"] == "+" else -1
+        row["tau_nm"] = sign * BASE_NM * (left(int(row["joint"]), f) if dithered else 1.0)
+    return write(out.parent / name, rows)
 
 
-def may_stop(found: Posterior, readings: Readings) -> bool:
-    return posterior.chance_of_better(found, readings, S) < 1.0 - S.confidence
+def write(path, rows):
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+        writer.writeheader()
+        writer.writerows(rows)
+    return path

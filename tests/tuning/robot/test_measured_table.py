@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from stiction_envs.experiments.sje.protocol import configurations
 from tests.refusal import refusal
 from tuning.robot.measured_table import check_measured, read_measured
 from tuning.search.bounds import Bounds
 from tuning.settings import tuning_settings
 
 HEADER = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm"
-BASE = {(j, load, d): 0.8 for j in (1, 2) for load in ("load", "no_load") for d in "+-"}
+BASE = dict.fromkeys(configurations(2), 0.8)
 BOUNDS = Bounds(
     amplitude_nm=np.array([[0.0, 2.0], [0.1, 3.0]]),
     frequency_hz=np.array([[15.0, 80.0], [20.0, 60.0]]),

@@ -2,26 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from tests.tuning.robot.made_up import (
-    S,
-    joint,
-    may_stop,
-    next_settings,
-    posterior_of,
-    read,
-)
-from tuning.robot.posterior import (
-    Posterior,
-    Readings,
-    best_measured,
-    chance_of_better,
-    discrepancy_kernel,
-)
+from tests.tuning.robot.made_up import S, joint, posterior_of, read
+from tuning.robot.posterior import Readings, discrepancy_kernel
 
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
 
@@ -63,41 +48,33 @@ def repeated(values: np.ndarray) -> np.ndarray:
     return np.repeat(values[:, None], 4, axis=1)
 
 
-def made(mean: np.ndarray, covariance: np.ndarray) -> Posterior:
-    cells = np.zeros((len(mean), 4))
-    every = np.ones(len(mean), dtype=bool)
-    return Posterior(mean=mean, covariance=covariance, cell_mean=cells, eligible=every)
-
-
 def test_a_batch_begins_with_the_single_ask_and_repeats_nothing():
-    c = joint(PREDICTED)
-    readings = read(repeated(PREDICTED + 0.05), [4])
-    batch = next_settings(c, readings, 3)
-    assert batch[0] == next_settings(c, readings)[0]
+    posterior = posterior_of(joint(PREDICTED), read(repeated(PREDICTED + 0.05), [4]))
+    batch = posterior.next_settings(3)
+    assert batch[0] == posterior.next_settings(1)[0]
     assert len(set(batch)) == 3
     assert 4 not in batch
-    assert len(next_settings(c, readings, 10)) == 4
+    assert len(posterior.next_settings(10)) == 4
 
 
 def test_a_failed_setting_is_neither_asked_again_nor_chosen():
     c = joint(PREDICTED)
     readings = read(repeated(PREDICTED), [1]).with_rows([(4, 0, 0.5), (4, 1, float("nan"))])
-    assert 4 not in next_settings(c, readings, 5)
-    assert best_measured(posterior_of(c, readings), readings) == 1
+    posterior = posterior_of(c, readings)
+    assert 4 not in posterior.next_settings(5)
+    assert posterior.best == 1
     # measured again, and this time it moved
     again = readings.with_rows([(4, 1, 0.5), (4, 2, 0.5), (4, 3, 0.5)])
-    assert best_measured(posterior_of(c, again), again) == 4
+    assert posterior_of(c, again).best == 4
 
 
 def test_chance_of_better_by_hand():
     """One untried setting, advantage N(0, 0.031²): better by 0.031 with 16 %."""
-    covariance = np.diag([0.0, 0.031**2])
-    posterior = made(np.full(2, 0.9), covariance)
-    readings = read(repeated(np.full(2, 0.9)), [0])
-    assert chance_of_better(posterior, readings, S) == pytest.approx(0.1587, abs=0.02)
-    assert not may_stop(posterior, readings)
-    sure = dataclasses.replace(posterior, mean=np.array([0.9, 0.97]))
-    assert may_stop(sure, readings)
+    for untried, chance, stop in ((0.9, 0.1587, False), (0.97, 0.0006, True)):
+        posterior = posterior_of(joint([0.9, 0.9]), read(repeated(np.full(2, 0.9)), [0]))
+        posterior.mean, posterior.covariance = np.array([0.9, untried]), np.diag([0.0, 0.031**2])
+        assert posterior.chance_of_better == pytest.approx(chance, abs=0.02)
+        assert posterior.may_stop == stop
 
 
 def test_stopping_keeps_its_promise():
@@ -109,10 +86,9 @@ def test_stopping_keeps_its_promise():
     for truth in rng.multivariate_normal(c.predicted.ravel(), k, size=count).reshape(-1, 8, 4):
         noisy = truth + S.noise * rng.normal(size=truth.shape)
         tried = [7]
-        while not may_stop(posterior_of(c, read(noisy, tried)), read(noisy, tried)):
-            tried += next_settings(c, read(noisy, tried))
-        readings = read(noisy, tried)
-        best = best_measured(posterior_of(c, readings), readings)
+        while not (posterior := posterior_of(c, read(noisy, tried))).may_stop:
+            tried += posterior.next_settings(1)
+        best = posterior.best
         rest = [x for x in range(8) if x not in tried]
         mean = truth.mean(axis=1)
         broken += bool(rest and mean[best] - mean[rest].min() > S.tolerance)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import shutil
 
 import pytest
@@ -11,11 +10,10 @@ from stiction_envs.measured.tables import read_amplitudes
 from tests.command_line import csv_rows
 from tests.refusal import refusal
 from tests.tuning.conftest import small
+from tests.tuning.robot.made_up import COLUMNS, fill, write
 from tuning.robot.session import Session
 
 SETTINGS = {"robot.frequencies": 3, "robot.amplitudes": 2, "robot.iterations": 1}
-COLUMNS = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm"
-BASE_NM = 0.8
 
 
 def ask(arm, **options):
@@ -44,24 +42,6 @@ def session(asked, tmp_path):
     return arm, {**options, "out": tmp_path / "out"}, state
 
 
-def fill(out, name="told.csv", *, left=lambda joint, f: 0.9):
-    """Answer measure.csv as a robot whose dither leaves ``left`` of the base torque."""
-    rows = csv_rows(out / "measure.csv")
-    for row in rows:
-        f, dithered = float(row["frequency_hz"]), float(row["amplitude_nm"]) > 0
-        sign = 1 if row["direction"] == "+" else -1
-        row["tau_nm"] = sign * BASE_NM * (left(int(row["joint"]), f) if dithered else 1.0)
-    return write(out.parent / name, rows)
-
-
-def write(path, rows):
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS.split(","), extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    return path
-
-
 def contents(out):
     names = ("ask.csv", "measure.csv", "final.csv", "final.yaml", "report.md")
     return {name: (out / name).read_bytes() for name in names if (out / name).exists()}
@@ -72,7 +52,7 @@ def test_the_first_ask_is_an_amplitude_table_and_a_form_to_fill_in(session):
     rows = read_amplitudes(options["out"] / "ask.csv", n_joints=2)
     assert [r.joint for r in rows] == [1, 2]
     for row, j in zip(rows, state.joints, strict=True):
-        assert row == j.row(int(j.candidates.predicted.mean(axis=1).argmin()))
+        assert row == j.candidates.row(int(j.candidates.predicted.mean(axis=1).argmin()))
     form = csv_rows(options["out"] / "measure.csv")
     assert len(form) == 2 * 4 * 2, "base torques and one setting, four cells each"
     assert {r["tau_nm"] for r in form} == {""}
@@ -84,7 +64,7 @@ def test_it_finds_the_robots_best_and_stops(session):
     """A robot that the simulation's best frequency frees less, and all others more."""
     arm, options, state = session
     out = options["out"]
-    first = {j.candidates.joint: j.row(j.asked[0]).frequency_hz for j in state.joints}
+    first = {row["joint"]: row["frequency_hz"] for row in state.asked}
 
     def left(joint, f):
         return 0.99 if f == first[joint] else 0.90
@@ -116,24 +96,25 @@ def test_the_same_table_told_twice_counts_once(session):
 
 def test_a_setting_that_was_not_asked_for_counts_too(session):
     arm, options, state = session
-    c = state.joints[0].candidates
+    c = next(iter(state.joints)).candidates
     f = 0.5 * float(c.frequency_hz.min() + c.frequency_hz.max())
     a = 0.5 * float(c.amplitude_nm.max())
     rows = [
-        dict(zip(COLUMNS.split(","), ("small", 1, load, d, f, a, s * 0.3), strict=True))
+        dict(zip(COLUMNS, ("small", 1, load, d, f, a, s * 0.3), strict=True))
         for load in ("load", "no_load")
         for d, s in (("+", 1), ("-", -1))
     ]
     found = tell(arm, write(options["out"].parent / "extra.csv", rows), **options)
-    j = found.joints[0]
+    j = next(iter(found.joints))
     assert len(j.candidates) == len(c) + 1
     assert j.readings.measured[-1]
-    assert j.row(len(c)).frequency_hz == f
+    assert j.candidates.row(len(c)).frequency_hz == f
     # typed with three digits it is the same setting
     rounded = [{**r, "frequency_hz": f"{f:.4g}", "amplitude_nm": f"{a:.4g}"} for r in rows]
     found = tell(arm, write(options["out"].parent / "rounded.csv", rounded), **options)
-    assert len(found.joints[0].candidates) == len(c) + 1
-    assert len(found.joints[0].readings.rows) == 8
+    j = next(iter(found.joints))
+    assert len(j.candidates) == len(c) + 1
+    assert len(j.readings.rows) == 8
 
 
 def test_a_stuck_joint_is_not_asked_for_that_again(session):
@@ -160,4 +141,4 @@ def test_torques_are_held_against_the_base_torques_of_their_day(session):
     # without any of that day: the mean of all days
     dithered = [r for r in today if float(r["amplitude_nm"])]
     found = tell(arm, write(options["out"].parent / "third.csv", dithered), **options)
-    assert found.joints[0].readings.ratio[-1] == pytest.approx(0.9 * 0.8 / 0.9)
+    assert next(iter(found.joints)).readings.ratio[-1] == pytest.approx(0.9 * 0.8 / 0.9)

@@ -13,9 +13,7 @@ from optuna.distributions import FloatDistribution
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
 
-from stiction_envs.experiments.sje.protocol import load_protocol
 from tuning.names import SAMPLERS
-from tuning.protocol.tune import tune
 from tuning.settings import SharedSettings
 from tuning.study import workers
 from tuning.study.record import Record, TrialOutcome, TrialSearch, run
@@ -117,16 +115,3 @@ def note(log, *what):
     """Append a line, whole or not at all."""
     with Path(log).open("a") as file:
         file.write("\t".join(map(str, what)) + "\n")
-
-
-def tune_small(model, storage, out):
-    """Run ``stiction tune small.xml`` with a fast protocol."""
-    protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
-    tune(
-        model,
-        out=out,
-        protocol=protocol,
-        frequencies=(40.0, 15.0),
-        storage=storage,
-        settings={"thesis.batch": 2},
-    )

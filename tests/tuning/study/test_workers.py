@@ -16,9 +16,9 @@ from tests.tuning.study.searches import (
     launch,
     outcome,
     search,
-    tune_small,
     work,
 )
+from tuning.protocol.tune import tune
 from tuning.study import record, workers
 from tuning.study.samplers import cells
 
@@ -162,12 +162,16 @@ def test_a_database_that_goes_away_ends_the_worker_with_one_line(server, databas
 
 
 @pytest.mark.slow
-def test_machines_run_the_thesis_protocol_together(database, small_arm, tmp_path):
+def test_machines_run_the_thesis_protocol_together(database, small_arm, fast, tmp_path):
     """Both end with every file, and those are the files of one that was alone."""
-    model = str(tmp_path / "small.xml")
     alone = f"sqlite:///{tmp_path}/alone.db"
     jobs = [(alone, "alone"), (database, "a"), (database, "b")]
-    finish([launch(tune_small, model, place, tmp_path / name) for place, name in jobs], 300)
+    options = {"protocol": fast, "frequencies": (40.0, 15.0), "settings": {"thesis.batch": 2}}
+    model = tmp_path / "small.xml"
+    every = [
+        launch(tune, model, storage=place, out=tmp_path / name, **options) for place, name in jobs
+    ]
+    finish(every, 300)
     for name in ("base", "frequency", "scale", "intermediate", "final", "verification"):
         texts = {(tmp_path / job / f"{name}.csv").read_text() for _, job in jobs}
         assert len(texts) == 1, name
