@@ -22,10 +22,10 @@ from stiction_envs.robots.registry import arm_title
 def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
     """Return measurements by joint, load, no load, +, −, then base before dithered."""
 
-    def key(m: Measurement) -> tuple[float, ...]:
-        return (*m.job.configuration.index, m.job.frequency_hz, m.job.amplitude_nm)
-
-    return sorted(measurements, key=key)
+    return sorted(
+        measurements,
+        key=lambda m: (*m.job.configuration.index, m.job.frequency_hz, m.job.amplitude_nm),
+    )
 
 
 def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
