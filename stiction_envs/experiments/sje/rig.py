@@ -158,7 +158,12 @@ class SJERig(Rig):
         self._start_ramps(ids[~ramping])
         if not len(rows):
             return ids[:0]
-        self._add_speeds(ids[rows], angle[rows])
+        # speeds count while the joint is still near where it stuck
+        corner = HIGHPASS * self.dither.frequency[ids[rows], joint[rows]]
+        gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
+        sums = self._speeds[ids[rows]]
+        _add_squares(angle[rows], self.start_angle[ids[rows]], far, gain, sums)
+        self._speeds[ids[rows]] = sums
         if self.watch is not None and seen is not None:
             self.watch(ids[rows], seen[rows])
         last = angle[rows, 1:]
@@ -171,14 +176,6 @@ class SJERig(Rig):
     ) -> Array:
         """Advance the plant under torques (M, K, n) [N·m], servos at setpoints (M, K, n) [rad]."""
         return self.plant.run(torque, ids, setpoint=setpoint, joint=joint)
-
-    def _add_speeds(self, ids: Index, angle: Array) -> None:
-        """Add the speeds of ramps whose joint is still near where it stuck; angles (M, K + 1)."""
-        corner = HIGHPASS * self.dither.frequency[ids, self.joint[ids]]
-        gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
-        sums = self._speeds[ids]
-        _add_squares(angle, self.start_angle[ids], far, gain, sums)
-        self._speeds[ids] = sums
 
     def _command(self, torque: Array, rows: Index, ids: Index, step: Index, ahead: int) -> None:
         """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path.
