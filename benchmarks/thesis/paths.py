@@ -20,7 +20,7 @@ from benchmarks.thesis.items import Found, Needs, Picture, Table
 from stiction_envs.experiments.gte import plots
 from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Run
-from stiction_envs.experiments.gte.rows import thesis_stiffness, unit
+from stiction_envs.experiments.gte.rows import UNITS, thesis_stiffness
 from stiction_envs.measured.thesis_tables import thesis_table
 from stiction_envs.reporting.markdown import listed, number, percent, signed
 
@@ -111,7 +111,7 @@ def table_4_11(found: Found) -> Table:
         shown.append(
             [
                 f"{row['trajectory']} {'/'.join(f'{x:g}' for x in stiffness)}",
-                f"{row['axis']} [{unit(row['axis'])}·samples]",
+                f"{row['axis']} [{UNITS[row['axis']]}·samples]",
                 *(f"{x:.3f}" for x in s.measured[:, k]),
                 percent(100 * old[k]),
                 *(f"{x:.3f}" for x in s.simulated[:, k]),

@@ -67,8 +67,16 @@ class Batches:
         batches = list(self._split(ids))
         for core, mine, rows in batches:
             core.check_step(mine, action[rows])  # all, before any moves
-        return _joined(
-            self._threads.run([partial(c.step, mine, action[rows]) for c, mine, rows in batches])
+        parts = self._threads.run(
+            [partial(c.step, mine, action[rows]) for c, mine, rows in batches]
+        )
+        if len(parts) == 1:
+            return parts[0]
+        return Outcome(
+            terms=_rows([p.terms for p in parts]),
+            terminated=np.concatenate([p.terminated for p in parts]),
+            truncated=np.concatenate([p.truncated for p in parts]),
+            measures=_rows([p.measures for p in parts]),
         )
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
@@ -82,17 +90,6 @@ class Batches:
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Describe the episodes of simulations ``ids``; see `Episodes.describe`."""
         return _rows([core.describe(mine) for core, mine, _ in self._split(ids)])
-
-
-def _joined(parts: Sequence[Outcome]) -> Outcome:
-    if len(parts) == 1:
-        return parts[0]
-    return Outcome(
-        terms=_rows([p.terms for p in parts]),
-        terminated=np.concatenate([p.terminated for p in parts]),
-        truncated=np.concatenate([p.truncated for p in parts]),
-        measures=_rows([p.measures for p in parts]),
-    )
 
 
 def _rows(parts: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:

@@ -83,9 +83,12 @@ def evaluate(
         return []
     if min(seeds) < 0:
         raise StictionError(f"evaluate: seed {min(seeds)}: expected whole numbers from 0")
-    each = _each(options, len(seeds))
+    if options is None or isinstance(options, Mapping):
+        options = [options] * len(seeds)
+    if len(options) != len(seeds):
+        raise StictionError(f"evaluate: {len(options)} options: expected one, or {len(seeds)}")
     batches, core = batch.batches, batch.core
-    core.prepare(each)
+    core.prepare(options)
     count = batch.num_envs
     slots, episode = np.arange(count), np.full(count, -1)
     rows: list[Row] = [{} for _ in seeds]
@@ -97,14 +100,14 @@ def evaluate(
     if len(spare := slots[len(seeds) :]):
         # an observation of every arm is needed, so unused ones get an episode too
         rngs = [seeding.np_random(int(seeds[0]))[0] for _ in spare]
-        batches.reset(spare, rngs, [each[0]] * len(spare))
+        batches.reset(spare, rngs, [options[0]] * len(spare))
     top = core.action_space.high[: core.n].astype(float)
     while waiting or going.any():
         free = np.flatnonzero(~going)[: len(waiting)]
         if len(free):
             episode[free] = [waiting.pop(0) for _ in free]
             rngs = [seeding.np_random(int(seeds[k]))[0] for k in episode[free]]
-            batches.reset(free, rngs, [each[k] for k in episode[free]])
+            batches.reset(free, rngs, [options[k] for k in episode[free]])
             going[free] = start[free] = True
             for total in sums.values():
                 total[free] = 0.0
@@ -148,14 +151,6 @@ def write_rows(path: str | Path, rows: Sequence[Mapping[str, object]]) -> None:
     """Write rows, all with the columns of the first, as CSV; floats read back bit for bit."""
     columns = tuple(rows[0])
     write_lines(path, columns, [[row[name] for name in columns] for row in rows])
-
-
-def _each(options: Options | Sequence[Options | None] | None, count: int) -> list[Options | None]:
-    if options is None or isinstance(options, Mapping):
-        return [options] * count
-    if len(options) != count:
-        raise StictionError(f"evaluate: {len(options)} options: expected one, or {count}")
-    return list(options)
 
 
 def _begun(seed: int, what: Row) -> Row:

@@ -94,7 +94,8 @@ class _Experiment:
             self._renderers[batch] = self.renderer(self.core.arm)
         return self._renderers[batch].frame(self._cores[batch], row, mode)
 
-    def _close_renderers(self) -> None:
+    def close_extras(self, **kwargs: object) -> None:
+        """Close the window and free the graphics contexts."""
         for renderer in self._renderers.values():
             renderer.close()
         self._renderers.clear()
@@ -156,7 +157,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
 
     def close(self) -> None:
         """Close the window and free the graphics context."""
-        self._close_renderers()
+        self.close_extras()
 
 
 class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generic]]):
@@ -219,7 +220,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
                 self._rngs[i], _ = seeding.np_random(seeds[i])
         self._restart(ids, [per_env[i] for i in ids])
         infos: Info = {}
-        self._add_descriptions(infos, ids)
+        self._put(infos, ids, self.batches.describe(ids))
         return self._observe(), infos
 
     def _targets(self, options: AnyOptions) -> tuple[Index, list[Options | None]]:
@@ -271,10 +272,12 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         ended = terminated | truncated
         self._ended = ended.copy()
         observation = self._observe()
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
+        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        if same_step and result is not None and ended.any():
             observation = self._same_step(observation, ended, ids, result, infos)
         else:
-            self._add_descriptions(infos, np.arange(self.num_envs))
+            everyone = np.arange(self.num_envs)
+            self._put(infos, everyone, self.batches.describe(everyone))
             if result is not None:
                 self._add_step(infos, ids, result, np.ones(len(ids), dtype=bool))
         return observation, reward, terminated, truncated, infos
@@ -284,14 +287,13 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         observation: Observation,
         ended: NDArray[np.bool_],
         ids: Index,
-        result: Outcome | None,
+        result: Outcome,
         infos: Info,
     ) -> Observation:
         """Reset finished episodes; `final_obs` and `final_info` are of their last step."""
-        assert result is not None
-        over = np.flatnonzero(ended)
+        over, everyone = np.flatnonzero(ended), np.arange(self.num_envs)
         last: Info = {}
-        self._add_descriptions(last, over)
+        self._put(last, over, self.batches.describe(over))
         self._add_step(last, ids, result, ended[ids])
         finals = np.full(self.num_envs, None, dtype=object)
         for i in over:
@@ -299,37 +301,31 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         infos.update(final_obs=finals, _final_obs=ended.copy())
         infos.update(final_info=last, _final_info=ended.copy())
         self._restart(over, [None] * len(over))
-        self._add_descriptions(infos, np.arange(self.num_envs))
+        self._put(infos, everyone, self.batches.describe(everyone))
         if not ended.all():
             self._add_step(infos, ids, result, ~ended[ids])
         observation[over] = self.batches.observe(over)
         return observation
 
-    def _add_descriptions(self, infos: Info, ids: Index) -> None:
-        for name, values in self.batches.describe(ids).items():
-            self._put(infos, name, ids, values)
-
     def _add_step(self, infos: Info, ids: Index, step: Outcome, which: NDArray[np.bool_]) -> None:
         """Add the infos of a step of environments ``ids``, of those in the mask ``which``."""
-        for name, values in step.measures.items():
-            self._put(infos, name, ids[which], values[which])
-        terms: dict[str, NDArray[np.generic]] = {}
-        for name, values in step.terms.items():
-            self._put(terms, name, ids[which], values[which])
+        terms: Info = {}
+        for into, found in ((infos, step.measures), (terms, step.terms)):
+            self._put(into, ids[which], {name: values[which] for name, values in found.items()})
         infos["reward_terms"] = terms
         infos["_reward_terms"] = terms[f"_{self.core.terms[0]}"].copy()
         final = which & (step.terminated | step.truncated)
         if final.any():
-            for name, values in self.batches.last_measures(ids[final]).items():
-                self._put(infos, name, ids[final], values)
+            self._put(infos, ids[final], self.batches.last_measures(ids[final]))
 
-    def _put(self, infos: Info, name: str, ids: Index, values: NDArray[np.generic]) -> None:
-        """Add an info of some environments and its mask, as Gymnasium's `_add_info` does."""
-        fill = None if values.dtype == object else values.dtype.type(0)
-        infos[name] = np.full((self.num_envs, *values.shape[1:]), fill, dtype=values.dtype)
-        infos[name][ids] = values
-        infos[f"_{name}"] = np.zeros(self.num_envs, dtype=bool)
-        infos[f"_{name}"][ids] = True
+    def _put(self, infos: Info, ids: Index, found: Mapping[str, NDArray[np.generic]]) -> None:
+        """Add infos of some environments and their masks, as Gymnasium's `_add_info` does."""
+        for name, values in found.items():
+            fill = None if values.dtype == object else values.dtype.type(0)
+            infos[name] = np.full((self.num_envs, *values.shape[1:]), fill, dtype=values.dtype)
+            infos[name][ids] = values
+            infos[f"_{name}"] = np.zeros(self.num_envs, dtype=bool)
+            infos[f"_{name}"][ids] = True
 
     def render(self) -> tuple[Frame, ...] | None:
         """Return a tuple with one frame per environment, None without a render mode."""
@@ -339,13 +335,8 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         frames = [self._frame(*row, self.render_mode) for row in rows]
         return tuple(frame for frame in frames if frame is not None)  # no batch has the mode human
 
-    def close_extras(self, **kwargs: object) -> None:
-        """Free the graphics contexts."""
-        self._close_renderers()
-
 
 def _loaded(kind: type[_Experiment], pickled: bytes) -> _Experiment:
-    """Return the environment of a pickle."""
     out = kind.__new__(kind)
     vars(out).update(pickle.loads(pickled))
     return out

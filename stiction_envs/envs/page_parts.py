@@ -12,23 +12,13 @@ from stiction_envs.experiments.observation import (
 )
 from stiction_envs.reporting.markdown import table_text
 
+_STRONGEST = f"A_max = min(torque limit, {STICTION_FACTOR:g} × stiction)"
+_FASTEST = f"min({HIGHEST_FREQUENCY:g}, controller rate / 2)"
 ACTION_TABLE = table_text(
     ["index", "meaning", "min", "max", "unit"],
     [
-        [
-            "0–6",
-            "amplitude, joint 1 … 7",
-            "0",
-            f"A_max = min(torque limit, {STICTION_FACTOR:g} × stiction)",
-            "N·m",
-        ],
-        [
-            "7–13",
-            "frequency, joint 1 … 7",
-            f"{LOWEST_FREQUENCY:g}",
-            f"min({HIGHEST_FREQUENCY:g}, controller rate / 2)",
-            "Hz",
-        ],
+        ["0–6", "amplitude, joint 1 … 7", "0", _STRONGEST, "N·m"],
+        ["7–13", "frequency, joint 1 … 7", f"{LOWEST_FREQUENCY:g}", _FASTEST, "Hz"],
     ],
 )
 SHARED = {

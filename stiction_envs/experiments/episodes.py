@@ -30,12 +30,7 @@ from stiction_envs.experiments.observation import (
     observation_names,
 )
 from stiction_envs.experiments.poses import find_poses
-from stiction_envs.experiments.randomise import (
-    FIELDS,
-    check_spreads,
-    randomised,
-    true_friction,
-)
+from stiction_envs.experiments.randomise import FIELDS, check_spreads, randomised, true_friction
 from stiction_envs.experiments.rig import Experiment, Rig, count_blocks
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, check_torque_driven

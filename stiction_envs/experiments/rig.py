@@ -19,13 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.arrays import Array, Index
-from stiction_envs.control.sensing import (
-    Senses,
-    Sensing,
-    SensingLike,
-    load_sensing,
-    seeds_of,
-)
+from stiction_envs.control.sensing import Senses, Sensing, SensingLike, load_sensing, seeds_of
 from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
@@ -72,13 +66,9 @@ class Experiment:
         """
         if interface is None:
             interface = TorqueInterface.of(sticking.arm)
-        self._set(sticking=sticking, interface=interface)
-        self._set(sensing=load_sensing(sticking.arm, sensing))
-        self._set(scatter=scatter, seed=seed, threads=threads)
-
-    def _set(self, **fields: object) -> None:
-        for name, value in fields.items():
-            object.__setattr__(self, name, value)
+        found = load_sensing(sticking.arm, sensing)
+        vars(self).update(sticking=sticking, interface=interface, sensing=found)
+        vars(self).update(scatter=scatter, seed=seed, threads=threads)
 
     def replace(self, **changes: object) -> Self:
         """Return a copy with some fields changed; the other fields stay as they are."""
@@ -87,7 +77,7 @@ class Experiment:
             if name not in names:
                 raise TypeError(f"{type(self).__name__} has no field {name!r}")
         out = copy.copy(self)
-        out._set(**changes)
+        vars(out).update(changes)
         return out
 
     @property
@@ -185,7 +175,6 @@ class Rig:
         return shift, 1.0 + change
 
     def _draw_dither(self, i: int, rng: np.random.Generator) -> None:
-        """Draw phases and seed of the dither of arm ``i``."""
         self.dither_phase[i] = rng.uniform(0, 2 * np.pi, size=self.n)
         self.dither_seed[i] = rng.integers(2**32)
 
@@ -200,7 +189,6 @@ class Rig:
         return self.plant.velocity if self.senses is None else self.senses.dq
 
     def _seed_senses(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
-        """Draw the seeds of the senses of arms ``ids`` from their keys."""
         if self.senses is not None:
             own = keys if self.scatter else [()] * len(keys)
             self._sense_seed[ids] = seeds_of(self.seed, own)

@@ -108,8 +108,13 @@ class PushWindow:
             StictionError: no display, or on a Mac outside of mjpython.
         """
         check_display(what := "view", 'render_mode="rgb_array" of an environment needs none')
-        if sys.platform == "darwin" and not _in_mjpython():
-            raise StictionError(f"{what}: on a Mac: expected `mjpython $(which stiction) view …`")
+        if sys.platform == "darwin":
+            import mujoco.viewer as shown
+
+            if getattr(shown, "_MJPYTHON", None) is None:
+                raise StictionError(
+                    f"{what}: on a Mac: expected `mjpython $(which stiction) view …`"
+                )
         self.view = view
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
         camera = view.arm.camera()
@@ -147,9 +152,3 @@ class PushWindow:
     def close(self) -> None:
         """Close the window."""
         self._window.close()
-
-
-def _in_mjpython() -> bool:
-    import mujoco.viewer
-
-    return getattr(mujoco.viewer, "_MJPYTHON", None) is not None

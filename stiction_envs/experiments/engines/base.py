@@ -105,12 +105,8 @@ class MuJoCo(Engine):
 
     def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """See `Engine.simulate`."""
-        torque, chunks = drive.torque, drive.chunks()
-        return rollout(
-            *(drive.bare.model, drive.qpos, torque, chunks),
-            record=drive.record,
-            threads=drive.threads,
-        )
+        what = drive.bare.model, drive.qpos, drive.torque, drive.chunks()
+        return rollout(*what, record=drive.record, threads=drive.threads)
 
 
 def silent(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -44,12 +44,7 @@ from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
-from stiction_envs.friction.sticking import (
-    Friction,
-    Robot,
-    check_torque_driven,
-    sticking_model,
-)
+from stiction_envs.friction.sticking import Friction, Robot, check_torque_driven, sticking_model
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
@@ -122,7 +117,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         arm = sticking.arm
         if controller_model is not None and controller_model.joint_names != arm.joint_names:
             raise StictionError("the controller's model must have the joints of the arm")
-        self._set(
+        vars(self).update(
             protocol=load_gte_protocol() if protocol is None else protocol,
             approach=load_protocol(arm.registered_name),
             settings=ImpedanceSettings() if settings is None else settings,

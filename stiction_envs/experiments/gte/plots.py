@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 ACCEPTED = "#7b3fa0"  # Colour of accepted goals, purple as in the thesis
 _COMPENSATED = (("#1a7a6a", "#66a61e"), ("#2b7bba", "#c0285f"))
 """Colours of compensated cases, without and with dither, of every second law in turn."""
+# accepted goals without dither, with it, the same with compensation
+_DOTS = ((0, (1, 1.5)), (0, (1, 4)), (0, (3, 3)), (0, (3, 6)))
 
 
 def colour(run: Run) -> str:
@@ -141,9 +143,8 @@ def _paths(axes: Axes, runs: Sequence[Run], dims: tuple[int, ...], *, mean: bool
         actual = run.actual.mean(axis=0, keepdims=True) if mean else run.actual
         rounds = len(actual)
         for k in range(rounds):
-            line = [actual[k, :, d] for d in dims]
             axes.plot(
-                *line,
+                *(actual[k, :, d] for d in dims),
                 color=colour(run),
                 lw=1.6 if mean else 1.1,
                 alpha=1.0 if rounds == 1 else 0.45,
@@ -201,7 +202,10 @@ def draw_error(axes: Axes, runs: Sequence[Run], k: int) -> None:
             run.time, mean - spread, mean + spread, color=colour(run), alpha=0.25, lw=0
         )
         axes.plot(run.time, mean, color=colour(run), lw=1.5, label=label(run), zorder=3)
-    _mark_goals(axes, runs)
+    for run, style in zip(runs, _DOTS, strict=False):
+        for goal, t in enumerate(run.accepted.mean(axis=0)):
+            if goal > 0 or run is runs[0]:
+                axes.axvline(t, color=ACCEPTED, lw=1.2, ls=style, zorder=2)
     axes.set_ylabel(f"{AXES[k]} error [{'mm' if k < 3 else 'mrad'}]")
     plain_axes(axes)
     axes.margins(x=0.01, y=0.08)
@@ -214,14 +218,3 @@ def error_legend_entries(axes: Axes, runs: Sequence[Run]) -> tuple[list[Artist],
         names.append("goal accepted" + (f", {label(run)}" if len(runs) > 1 else ""))
         handles.append(Line2D([], [], color=ACCEPTED, lw=1.2, ls=style))
     return handles, names
-
-
-# without dither, with it, the same with compensation
-_DOTS = ((0, (1, 1.5)), (0, (1, 4)), (0, (3, 3)), (0, (3, 6)))
-
-
-def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:
-    for run, style in zip(runs, _DOTS, strict=False):
-        for k, t in enumerate(run.accepted.mean(axis=0)):
-            if k > 0 or run is runs[0]:
-                axes.axvline(t, color=ACCEPTED, lw=1.2, ls=style, zorder=2)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 from pathlib import Path as File
 
@@ -55,7 +54,6 @@ class RandomPathSettings:
     attempts: Count  # Most draws of one path; after them the arm can follow none
 
 
-@cache
 def random_path_settings() -> RandomPathSettings:
     """Return the defaults."""
     return load_settings(RandomPathSettings, File(__file__).with_name("gte.toml"), "random_paths")

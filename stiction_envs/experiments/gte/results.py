@@ -161,13 +161,13 @@ def _share(value: float, of: float) -> float:
 def _trouble(runs: Sequence[RunRow]) -> str:
     found = []
     for run in runs:
-        for count, what in (
-            (run.singular, "{} came near a singular pose"),
-            (run.near_limit, "{} came near a joint's limit"),
+        for count, place in (
+            (run.singular, "a singular pose"),
+            (run.near_limit, "a joint's limit"),
         ):
             if count:
-                words = f"{_words(run.case)}: {what.format(plural(count, 'iteration'))}"
-                found.append(f"{words} of {run.iterations}")
+                words = f"{_words(run.case)}: {plural(count, 'iteration')}"
+                found.append(f"{words} came near {place} of {run.iterations}")
     return "; ".join(found)
 
 

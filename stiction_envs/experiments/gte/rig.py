@@ -188,7 +188,6 @@ class GTERig(Rig):
         )
 
     def _shaking(self, steps: int) -> Shaking:
-        """Return the dither of some control steps."""
         dither, zero = self.dither, np.zeros((self.nsim, self.n))
         ungated = np.zeros((0, self.nsim, self.n))
         if dither.sines is None:

@@ -15,7 +15,8 @@ from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.measured.thesis_tables import thesis_table
 
-_AXES = tuple(f"{axis}_{unit}" for axis, unit in zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))
+UNITS = dict(zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))  # Of the errors of each axis
+_AXES = tuple(f"{axis}_{unit}" for axis, unit in UNITS.items())
 POINT_COLUMNS = ("case", "goal", "accepted_s", "reached_s", *_AXES)
 """Columns of ``points.csv``: goals from 1, mean times, then the mean absolute settling error."""
 TRACE_COLUMNS = ("case", "time_s", *_AXES, *(f"std_{axis}" for axis in _AXES))
@@ -75,11 +76,6 @@ def case_name(case: Case) -> str:
     return case.compensation.kind + ("_dither" if case.dithered else "")
 
 
-def unit(axis: str) -> str:
-    """Return the unit of an axis's error."""
-    return "m" if axis in AXES[:3] else "rad"
-
-
 def error_rows(run: Run, measures: Measures, robot: str) -> list[ErrorRow]:
     """Return the row of each axis."""
     m, count = measures, len(run.accepted)
@@ -98,8 +94,8 @@ def error_rows(run: Run, measures: Measures, robot: str) -> list[ErrorRow]:
     rows = []
     for k, axis in enumerate(AXES):
         numbers: dict[str, Any] = {name: float(values[k]) for name, values in columns.items()}
-        of = {**_key(run.case, robot), "axis": axis, "unit": unit(axis)}
-        rows.append(ErrorRow(**of, **numbers, iterations=count))
+        of = _key(run.case, robot)
+        rows.append(ErrorRow(**of, axis=axis, unit=UNITS[axis], **numbers, iterations=count))
     return rows
 
 

@@ -141,10 +141,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
         e, reward = self.experiment, self.reward_settings()
         self.rig = e.replace(threads=self._engine_threads).rig(self.num_envs)
         self.oscillation = Oscillation(
-            self.num_envs,
-            self.n,
-            corner=reward.shaking_corner,
-            far=STICKING * e.protocol.threshold,
+            self.num_envs, self.n, corner=reward.shaking_corner, far=STICKING * e.protocol.threshold
         )
         self.rig.watch = self.oscillation.add
         self.stiction = largest_stiction(e.sticking.parameters, e.poses)

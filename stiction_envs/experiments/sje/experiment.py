@@ -23,7 +23,8 @@ from stiction_envs.control.position_servo import put_under_servos
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.poses import find_poses
+from stiction_envs.experiments.poses import Poses, find_poses
+from stiction_envs.experiments.rig import Experiment
 from stiction_envs.experiments.sje.protocol import (
     DIRECTIONS,
     LOADS,
@@ -34,7 +35,7 @@ from stiction_envs.experiments.sje.protocol import (
     load_protocol,
 )
 from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
-from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
+from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig
 from stiction_envs.experiments.sje.servo_rig import ServoRig
 from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.friction.servos import PositionServos
@@ -49,9 +50,11 @@ MAX_SIMULATIONS = 384
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class SingleJointExperiment(SJESetup):
+class SingleJointExperiment(Experiment):
     """One arm, its friction, its torque interface and the protocol: all that defines a result."""
 
+    protocol: Protocol
+    poses: Poses
     servos: PositionServos | None
     """Servos that drive the joints under gravity; None: torques, gravity compensated."""
 
@@ -111,10 +114,10 @@ class SingleJointExperiment(SJESetup):
         )
         arm = sticking.arm
         if servos is not None:
-            self._set(interface=self.interface.unlimited())
+            vars(self).update(interface=self.interface.unlimited())
         if protocol is None:
             protocol = load_protocol(arm.registered_name, position=servos is not None)
-        self._set(servos=servos, protocol=protocol, poses=find_poses(arm))
+        vars(self).update(servos=servos, protocol=protocol, poses=find_poses(arm))
 
     def jobs(
         self,
@@ -136,10 +139,9 @@ class SingleJointExperiment(SJESetup):
             StictionError: a joint that the arm lacks; a table that cannot be read, dithers none of
                 the joints, or exceeds the arm's limits.
         """
-        chosen = list(joints) if joints is not None else None
         base = [
             Job(c)
-            for c in configurations(self.n, chosen)
+            for c in configurations(self.n, None if joints is None else list(joints))
             if c.load in loads and c.direction in directions
         ]
         if dither is None:
@@ -179,8 +181,8 @@ class SingleJointExperiment(SJESetup):
     def rig(self, nsim: int) -> SJERig:
         """Return the machine that runs ``nsim`` simulations of this experiment; see `SJERig`."""
         if self.servos is not None:
-            return ServoRig(self, nsim, self.servos)
-        return SJERig(self, nsim)
+            return ServoRig(self, nsim, self.protocol, self.poses, self.servos)
+        return SJERig(self, nsim, self.protocol, self.poses)
 
     @property
     def record(self) -> dict[str, object]:
@@ -270,17 +272,12 @@ class SingleJointExperiment(SJESetup):
         queue = deque(sorted(jobs, key=self.expected, reverse=True))
         rig = self.rig(min(len(jobs), MAX_SIMULATIONS))
         logs: dict[int, RampLog] = {}
-        free = list(range(rig.nsim))
         while queue or logs:
-            fresh = [i for i in free if queue]
-            if fresh:
-                taken = [queue.popleft() for _ in fresh[: len(queue)]]
-                ids = np.array(sorted(free)[: len(taken)])
-                for i, job in zip(ids, taken, strict=True):
-                    logs[int(i)] = RampLog(job)
-                free = sorted(set(free) - set(logs))
-                rig.place(ids, [j.configuration for j in taken])
-                self._begin(rig, ids, logs)
+            free = [i for i in range(rig.nsim) if i not in logs][: len(queue)]
+            if free:
+                logs |= {i: RampLog(queue.popleft()) for i in free}
+                rig.place(np.array(free), [logs[i].job.configuration for i in free])
+                self._begin(rig, np.array(free), logs)
             busy = np.array(sorted(logs))
             ended = rig.advance(busy)
             if progress is not None:
@@ -293,7 +290,6 @@ class SingleJointExperiment(SJESetup):
                     again.append(i)
                 else:
                     yield logs.pop(i).measurement()
-                    free.append(i)
             if again:
                 self._begin(rig, np.array(again), logs)
 

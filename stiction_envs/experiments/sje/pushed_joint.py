@@ -105,11 +105,6 @@ class PushedJoint(Rig):
         """Angle of the joint since it last rested [rad]."""
         return float(self.plant.position[0, self.joint - 1]) - self.start
 
-    @property
-    def row(self) -> AmplitudeRow | None:
-        """Dither of the joint while it is on."""
-        return self.rows.get(self.joint) if self.dithered else None
-
     def holds_up_to(self, direction: float) -> float:
         """Return the torque's size up to which the joint holds without dither in a direction [N·m].
 
@@ -178,5 +173,6 @@ class PushedJoint(Rig):
         self._seen: deque[float] = deque(maxlen=max(2, watched))
 
     def _set_dither(self) -> None:
-        rows = [] if self.row is None else [self.row]
+        on = self.dithered and self.joint in self.rows
+        rows = [self.rows[self.joint]] if on else []
         self.set_dither(_ARM, **dither_arrays(rows, self.n))

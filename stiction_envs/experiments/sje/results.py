@@ -22,10 +22,10 @@ from stiction_envs.robots.registry import arm_title
 def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
     """Return measurements by joint, load, no load, +, −, then base before dithered."""
 
-    def key(m: Measurement) -> tuple[float, ...]:
-        return (*m.job.configuration.index, m.job.frequency_hz, m.job.amplitude_nm)
-
-    return sorted(measurements, key=key)
+    return sorted(
+        measurements,
+        key=lambda m: (*m.job.configuration.index, m.job.frequency_hz, m.job.amplitude_nm),
+    )
 
 
 def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
@@ -35,14 +35,12 @@ def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
     torque is known. `std_nm` is NaN after a single iteration.
     """
     ordered = in_order(measurements)
-    base = {m.job.configuration: m for m in ordered if m.is_base}
+    base = {m.job.configuration: m.mean for m in ordered if m.is_base}
     rows = []
     for m in ordered:
         if m.is_stuck:
             continue
         c = m.job.configuration
-        reference = base.get(c)
-        tau_base = math.nan if reference is None else reference.mean
         rows.append(
             SJERow(
                 robot=robot,
@@ -54,7 +52,7 @@ def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
                 tau_nm=m.mean,
                 std_nm=m.std if len(m.tau) > 1 else math.nan,
                 iterations=len(m.tau),
-                reduction=0.0 if m.is_base else 1.0 - abs(m.mean) / abs(tau_base),
+                reduction=0.0 if m.is_base else 1.0 - abs(m.mean) / abs(base.get(c, math.nan)),
             )
         )
     return rows

@@ -9,7 +9,6 @@ Friction is never reset between one ramp and the next: the arm is moved back (th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,21 +31,13 @@ HIGHPASS = 0.2
 assumed: it takes 2 % of the oscillation."""
 
 
-@dataclass(frozen=True, init=False, repr=False)
-class SJESetup(Experiment):
-    """An experiment on single joints: a protocol, and poses for every joint."""
-
-    protocol: Protocol
-    poses: Poses
-
-
 class SJERig(Rig):
     """N simulations of the experiment on one plant."""
 
-    def __init__(self, setup: SJESetup, nsim: int) -> None:
+    def __init__(self, experiment: Experiment, nsim: int, protocol: Protocol, poses: Poses) -> None:
         """Make the rig; all ``nsim`` simulations are idle."""
-        super().__init__(setup, nsim, approach=setup.protocol)
-        self.protocol, self.poses = protocol, poses = setup.protocol, setup.poses
+        super().__init__(experiment, nsim, approach=protocol)
+        self.protocol, self.poses = protocol, poses
         # of every pose, joint by joint, load before no load
         self._inertia = self._servos.inertia(poses.q.reshape(-1, self.n))
         self._hold = np.zeros((nsim, self.n))
@@ -113,18 +104,6 @@ class SJERig(Rig):
         self.stage[ids], self.step[ids] = APPROACH, 0
         self.tau[ids] = np.nan
 
-    def _held_gate_speed(self, ids: Index, step: Index) -> Array | None:
-        """Return the speed that the controller of each arm read at the cycle it is in.
-
-        ``step`` (M,) are control steps of the ramps ``ids``.
-        """
-        speed = self._gate_speed()
-        if speed is None:
-            return None
-        due = ids[step % self.interface.hold_steps == 0]
-        self._read_speed[due] = speed[due]
-        return self._read_speed
-
     def displacement(self) -> Array:
         """Return (N,) angle of the joint under test since its ramp started, as measured [rad]."""
         q = self.seen_position[np.arange(self.nsim), self.joint]
@@ -179,7 +158,12 @@ class SJERig(Rig):
         self._start_ramps(ids[~ramping])
         if not len(rows):
             return ids[:0]
-        self._add_speeds(ids[rows], angle[rows])
+        # speeds count while the joint is still near where it stuck
+        corner = HIGHPASS * self.dither.frequency[ids[rows], joint[rows]]
+        gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
+        sums = self._speeds[ids[rows]]
+        _add_squares(angle[rows], self.start_angle[ids[rows]], far, gain, sums)
+        self._speeds[ids[rows]] = sums
         if self.watch is not None and seen is not None:
             self.watch(ids[rows], seen[rows])
         last = angle[rows, 1:]
@@ -193,14 +177,6 @@ class SJERig(Rig):
         """Advance the plant under torques (M, K, n) [N·m], servos at setpoints (M, K, n) [rad]."""
         return self.plant.run(torque, ids, setpoint=setpoint, joint=joint)
 
-    def _add_speeds(self, ids: Index, angle: Array) -> None:
-        """Add the speeds of ramps whose joint is still near where it stuck; angles (M, K + 1)."""
-        corner = HIGHPASS * self.dither.frequency[ids, self.joint[ids]]
-        gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
-        sums = self._speeds[ids]
-        _add_squares(angle, self.start_angle[ids], far, gain, sums)
-        self._speeds[ids] = sums
-
     def _command(self, torque: Array, rows: Index, ids: Index, step: Index, ahead: int) -> None:
         """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path.
 
@@ -213,7 +189,11 @@ class SJERig(Rig):
             time = np.multiply(self.interface.tick(step), CONTROL_DT, dtype=np.float64)
             add_sines(*self.dither.sines, time, ids, command)
         elif self.dither.amplitude.any() or self.dither.offset.any():
-            speed = self._held_gate_speed(ids, step[:, 0])
+            speed = self._gate_speed()
+            if speed is not None:  # each controller has the speed that it read in its last cycle
+                due = ids[step[:, 0] % self.interface.hold_steps == 0]
+                self._read_speed[due] = speed[due]
+                speed = self._read_speed
             for k in range(0, length, self._cycle):
                 shaken = self.dither.torque(self._command_time(ahead + k), speed)[ids]
                 command[:, k : k + self._cycle] += shaken[:, None]

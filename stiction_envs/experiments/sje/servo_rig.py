@@ -16,9 +16,10 @@ import numpy as np
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.position_servo import ServoDrive
-from stiction_envs.experiments.rig import minimum_jerk
-from stiction_envs.experiments.sje.protocol import Configuration
-from stiction_envs.experiments.sje.rig import HIGHPASS, RAMP, SJERig, SJESetup
+from stiction_envs.experiments.poses import Poses
+from stiction_envs.experiments.rig import Experiment, minimum_jerk
+from stiction_envs.experiments.sje.protocol import Configuration, Protocol
+from stiction_envs.experiments.sje.rig import HIGHPASS, RAMP, SJERig
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.plant import CONTROL_DT
 
@@ -30,9 +31,16 @@ assumed."""
 class ServoRig(SJERig):
     """N simulations of the experiment under position servos."""
 
-    def __init__(self, setup: SJESetup, nsim: int, servos: PositionServos) -> None:
-        """Make the rig; see `SJERig`. The setup's model is one of `put_under_servos`."""
-        super().__init__(setup, nsim)
+    def __init__(
+        self,
+        experiment: Experiment,
+        nsim: int,
+        protocol: Protocol,
+        poses: Poses,
+        servos: PositionServos,
+    ) -> None:
+        """Make the rig; see `SJERig`. The experiment's model is one of `put_under_servos`."""
+        super().__init__(experiment, nsim, protocol, poses)
         self.drive = ServoDrive(servos, self.plant)
         self._servos.torque_limit = np.array(servos.torque_limit)
         self._sag = np.zeros((nsim, self.n))  # of the pose [rad]
