@@ -33,21 +33,14 @@ CONSTANTS = {
     "angle of the same place": "gap.predictors.torque:CELL",
     "shares δ of the torque that no model has": "gap.predictors.torque:SHARES",
     "times T by which torques shift": "gap.predictors.torque:DELAYS",
-    "longest error, in observations": "gap.predictors.torque:MOST_LASTING",
     "deviations of links": "robots.consistent:STRETCH_SD",
     "usual offset": "gap.causes.log.torque_offset:USUAL",
     "usual error of a gain": "gap.causes.log.torque_scale:USUAL",
-    "usual lean of a base": "gap.causes.body.base_tilt:USUAL",
     "usual payload": "gap.causes.body.payload:USUAL_SHARE",
     "usual mass of a wrong link": "gap.causes.body.link_parameters:MASS_SD",
-    "usual shift of its centre": "gap.causes.body.link_parameters:CENTRE_SDS",
-    "gain from which torques are converted": "gap.diagnosis:OTHER_GAIN",
     "noise of accelerations": "gap.signals.spectra:ACCURATE",
     "harmonics within the band": "gap.signals.spectra:HARMONICS",
     "presliding distances that are tried": "gap.signals.friction_state:PRESLIDING_DISTANCES",
-    "time between blocks": "gap.signals.recording:GUARD",
-    "rows per period of the cutoff": "gap.signals.prepare:RATE",
-    "searches": "gap.predictors.judged:ROUNDS",
 }
 """Where each number is, by what it is."""
 FACTORS = 0.5, 2.0
