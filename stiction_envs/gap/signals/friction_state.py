@@ -4,8 +4,7 @@ The noise floor is the part of a residual that no cause can explain: noise above
 upper half, where there is no motion. Slower noise cannot be distinguished from the model's error.
 
 A joint at rest can hold any torque inside its friction band. Repeated poses show the scatter: equal
-poses differ only by noise and friction. A joint that rests throughout a log while others move is
-held by friction in the same way, and its torque creeps, far below the sensors' noise in frequency.
+poses differ only by noise and friction.
 """
 
 from __future__ import annotations
