@@ -33,9 +33,9 @@ from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 
-APART = 0.15
-"""Time between independent observations [s]; assumed: about half a period of usual cutoffs. With
-0.1 s public logs get more names, with 0.25 s larger errors."""
+APART = 0.2
+"""Time between independent observations [s]; assumed: about a period of usual cutoffs. With 0.15 s
+some public logs get false names, with 0.25 s errors on others are larger."""
 PARTS = (1.0, 0.1)
 """Sizes of priors that are tried, over the usual size of the cause [-]; assumed: a good log shows
 small errors, too."""
