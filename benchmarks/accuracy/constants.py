@@ -96,38 +96,50 @@ def measure(job: tuple[str, float]) -> Row:
         for name in REAL:
             row = every_log.measure(real[name])
             out[name] = {"names": row["names"], "error": float(np.mean(row["ours"]))}
-    return out
+    return {"cases": out}
+
+
+def error(row: Row, today: Row, real: bool) -> float:
+    """Return the change of the error, geometric mean over real or simulated logs [-]."""
+    logs = [k for k in row if (k in REAL) == real]
+    return float(np.exp(np.mean([np.log(row[k]["error"] / today[k]["error"]) for k in logs])) - 1)
+
+
+def right(row: Row) -> int:
+    """Return in how many simulated logs the hidden causes are named."""
+    return sum(x["right"] for k, x in row.items() if k not in REAL)
 
 
 def words(row: Row, today: Row) -> list[str]:
     """Return what is said of a variant: hidden causes, intervals, names and error of real logs."""
-    blind, real = ([x for k, x in row.items() if (k in REAL) == of] for of in (False, True))
-    inside = [ok for x in blind for ok in x["inside"]]
-    more = [
-        [float(np.log(x["error"] / today[k]["error"])) for k, x in row.items() if (k in REAL) == of]
-        for of in (False, True)
-    ]
-    errors = [f"{100 * (np.exp(np.mean(x)) - 1):+.1f} %" for x in more]
+    inside = [ok for k, x in row.items() if k not in REAL for ok in x["inside"]]
     other = sum(set(row[k]["names"]) != set(today[k]["names"]) for k in REAL)
-    return [
-        f"{sum(x['right'] for x in blind)}, {sum(inside)}/{len(inside)}, {errors[0]}",
-        f"{other or 'no'}, {errors[1]}" if real else "",
-    ]
+    hidden, real = (f"{100 * error(row, today, of):+.1f} %" for of in (False, True))
+    return [f"{right(row)}, {sum(inside)}/{len(inside)}, {hidden}", f"{other or 'no'}, {real}"]
 
 
 def page(rows: dict[str, Row]) -> dict[str, Any]:
     """Return the values of the page."""
-    today, lines = rows["today"], []
+    cases = {key: row["cases"] for key, row in rows.items()}
+    today, lines = cases.pop("today"), []
     for what, place in CONSTANTS.items():
         path, _, name = place.partition(":")
         value = getattr(import_module(f"stiction_envs.{path}"), name)
         shown = ", ".join(f"{x:.3g}" for x in dict.fromkeys(np.ravel(value).tolist()))
-        each = [x for f in FACTORS for x in words(rows[f"{place} {f:g}"], today)]
+        each = [x for f in FACTORS for x in words(cases[f"{place} {f:g}"], today)]
         lines.append([what, f"`{path.rpartition('.')[2]}.{name}`", shown, *each])
     head = ["number", "constant", "today", "half: hidden", "real", "double: hidden", "real"]
+    changes = {key: 100 * error(row, today, True) for key, row in cases.items()}
+    worst = max(changes, key=lambda key: changes[key]).rpartition(" ")[0]
     return {
         "table": table_text(head, lines),
         "today": words(today, today),
+        "now": right(today),
+        "least": min(map(right, cases.values())),
+        "low": f"{min(changes.values()):+.0f}",
+        "high": f"{max(changes.values()):+.0f}",
+        "worst": next(what for what, place in CONSTANTS.items() if place == worst),
+        "count": len(CONSTANTS),
         "cases": len(HIDDEN),
         "logs": len(REAL),
     }
