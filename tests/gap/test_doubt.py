@@ -19,9 +19,9 @@ from tests.gap.small_logs import dry, hidden, panda, sliding, write_model
 NAMES = ("coulomb_friction", "viscous_friction", "torque_offset", "actuator_delay")
 
 
-def again(log: JointLog, nominal: str | Nominal = "rigid", names=NAMES) -> Diagnosis:
+def again(log: JointLog, nominal: str | Nominal = "rigid", names=NAMES, seed: int = 0) -> Diagnosis:
     causes = [cause_named(x) for x in names]
-    return diagnose_logs([log], panda(), nominal=nominal, causes=causes)
+    return diagnose_logs([log], panda(), nominal=nominal, causes=causes, seed=seed)
 
 
 def rough(q, dq, ddq):
@@ -68,14 +68,17 @@ def test_an_interval_of_a_cause_found_again_contains_the_earlier_doubt(
 ) -> None:
     log = hidden(panda(), lambda q, dq, ddq: 2.0 * sliding(q), seed=3)
     blind = replace(model, parts=tuple(replace(p, doubt=()) for p in model.parts))
-    sure, found = again(log, blind), again(log, model)
+    sure, found, *more = again(log, blind), *(again(log, model, seed=k) for k in range(4))
     assert all("coulomb_friction" in [c.name for c in x.causes] for x in (sure, found))
     for joint in (2, 4):
         (part,) = (p for p in model.parts if (p.cause, p.joint) == ("coulomb_friction", joint))
         earlier = float(np.linalg.norm(part.doubt[0]))
-        (alone, _), (both, _) = (coulomb(x, joint) for x in (sure, found))
-        assert both > (1.96 - 3 * 0.044) * earlier  # 1000 draws: 1.96 within 0.044
-        assert both == pytest.approx(np.hypot(alone, 1.96 * earlier), rel=0.15)  # of 1000 draws
+        alone, _ = coulomb(sure, joint)
+        both = float(np.mean([coulomb(x, joint)[0] for x in (found, *more)]))
+        assert both > 1.9 * earlier
+        assert both == pytest.approx(
+            np.hypot(alone, 1.96 * earlier), rel=0.15
+        )  # of 1000 draws each
         # what is known of the sum is what the second log says of it
         term = Term("coulomb_friction", joint - 1, ())
         sums = [earlier_factor(model_of(x).parts, term, 1) for x in (found, sure)]

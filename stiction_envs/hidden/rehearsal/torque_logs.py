@@ -21,6 +21,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import TOLERANCES, Cause, cause_named, registered
 from stiction_envs.gap.causes.base import ALL_OF_ONE, DRY, THE_ARM, filtered_columns
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_signals
+from stiction_envs.gap.judge.problem import ARM
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.hidden.friction_law import LuGre
@@ -41,6 +42,9 @@ START = 0.01  # a small size, from which others are found; assumed
 CLOSE = 0.03  # relative error of a size [-]; assumed
 STEPS = 8  # most steps in which a size is found; assumed: the torque is nearly proportional to it
 NO_TORQUE = 1e-6  # torque over the noise that is none [-]; assumed
+PROMISED = 10.0
+"""Nats from which on a joint's cause is promised; assumed: evidence of x nats scatters by about
+√(2 x) from log to log, so that with 10 nats 3 are left in nearly all logs."""
 
 
 def hideable(cause: Cause) -> Hideable:
@@ -208,8 +212,22 @@ class TorqueLogs:
         causes = (TOLERANCES, *registered())
         side = recording.torque
         said = diagnose_signals((), clean, self.arm, self.baseline, side, causes, seed=0)
-        named = [[c.name, list(c.joints), list(c.confused_with)] for c in said.causes]
+        doubtful = _doubtful(said, job.what.name)
+        named = [
+            [c.name, joints, list(c.confused_with)]
+            for c in said.causes
+            if (joints := [j for j in c.joints if (c.name, j) not in doubtful])
+        ]
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
+
+
+def _doubtful(said: Diagnosis, name: str) -> set[tuple[str, int]]:
+    """Return a hidden cause and the joints (from 1) on which another log might not show it."""
+    problem, named = said.predictor.problem, [t for t in said.terms if not t.small]
+    now = problem.score(named)
+    mine = [t for t in named if t.cause == name and t.joint != ARM]
+    nats = {t: now - problem.score([x for x in named if x != t]) for t in mine}
+    return {(name, t.joint + 1) for t, x in nats.items() if x < PROMISED}
 
 
 def link_behind_gear(data: Data, joint: int, stiffness: float) -> tuple[Array, Array]:

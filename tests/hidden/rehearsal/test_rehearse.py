@@ -169,13 +169,7 @@ def size_of(name: str, joint: int, known: bool, value: float) -> float:
     [
         ("payload", 5, "fast", False, "smallest_named"),  # this motion cannot tell it from a link
         ("viscous_friction", 3, "fourier", False, "smallest_found"),
-        pytest.param(
-            *("presliding_hysteresis", 4, "reversals", True, "smallest_found"),
-            marks=pytest.mark.xfail(
-                strict=True,
-                reason="the smallest size is promised, and the simulated robot hides it",
-            ),
-        ),
+        ("presliding_hysteresis", 4, "reversals", True, "smallest_found"),
     ],
 )
 def test_the_promised_size_is_found_in_a_simulated_robot(name, joint, motion, known, promised):
