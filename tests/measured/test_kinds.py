@@ -27,7 +27,7 @@ SJE = ",".join(SJE_COLUMNS)
         ("a.npz", "no archive", LOG),
         ("a.parquet", "no table", LOG),
         ("a.dat", "a,b\n", LOG),
-        ("a.csv.gz", gzip.compress(b"t,q1,tau1\n"), LOG),
+        ("a.csv.gz", gzip.compress(b"t,q1,tau1\n", mtime=0), LOG),
         ("a.csv.gz", "t,q1,tau1\n", LOG),
     ],
 )
