@@ -12,8 +12,6 @@ which hold on other machines with the pinned versions: `tests/test_freeze.py` co
 ``final`` (the tuner) takes minutes: it runs with ``--all`` or by name.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

@@ -10,8 +10,6 @@ A benchmark is a script ``benchmarks/GROUP/NAME.py``, run by ``python -m benchma
 writes ``NAME.md`` and its pictures beside itself, or into ``--out``.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import math
@@ -87,7 +85,7 @@ class Benchmark:
         out.add_argument("--minutes", type=float, default=math.inf, help="stop after this long")
         return out
 
-    def rows(self, options: argparse.Namespace, name: str = "") -> Rows:
+    def rows(self, options: argparse.Namespace, name: str = "") -> "Rows":
         """Return the rows that are kept in ``--work``."""
         path = options.work / f"{name or self.name}.jsonl"
         return Rows(path, code_digest(self.made_by) if self.made_by else "")

@@ -4,8 +4,6 @@ The machine's speed varies by half: a slow hour lengthens this loop as it does t
 tests do not.
 """
 
-from __future__ import annotations
-
 from time import perf_counter
 
 USUAL_S = 1.4

@@ -3,8 +3,6 @@
 They are what the commands of each page wrote.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

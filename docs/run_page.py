@@ -5,8 +5,6 @@ from block to block. What the page prints of a command (lines of a `console` blo
 `text` blocks) must have been printed by then; "…" at either end stands for more of the line.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

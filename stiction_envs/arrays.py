@@ -1,7 +1,5 @@
 """Types of numpy's arrays; shapes and units are where an array is described. Their size: `rms`."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

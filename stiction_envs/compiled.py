@@ -4,8 +4,6 @@ They compute in a fixed order, without `fastmath` and without threads: the same 
 They release Python's global lock, so that callers may use threads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeVar, cast

@@ -17,8 +17,6 @@ msgspec checks types and ranges. A room nests its dataclasses in one, loads it o
 down as an argument; users change some numbers by name (`override`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import os

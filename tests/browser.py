@@ -1,7 +1,5 @@
 """Pages as a person sees them: in Chromium, wide and on a phone, where it is installed."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from pathlib import Path

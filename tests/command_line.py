@@ -1,7 +1,5 @@
 """Command lines run in an empty folder: fixtures of all tests that need one."""
 
-from __future__ import annotations
-
 import csv
 import os
 import subprocess

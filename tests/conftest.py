@@ -1,7 +1,5 @@
 """Order of the test files, and a cache of simulated results beside pytest's own."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Bad input is refused in one line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """An arm of two links under position servos, as a model file and a friction TOML."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The rooms of ARCHITECTURE.md: imports run one way, and no two files need each other."""
 
-from __future__ import annotations
-
 import ast
 import re
 from functools import cache

@@ -1,7 +1,5 @@
 """The examples of CONTRIBUTING.md work from outside the package, as they are printed."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

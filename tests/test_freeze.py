@@ -1,7 +1,5 @@
 """A few results of every room are the numbers that `benchmarks/freeze.json` keeps."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Constants of methods: read from one TOML per room, changed by name, and known by their hash."""
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import tomllib

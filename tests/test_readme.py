@@ -1,7 +1,5 @@
 """Every command and every line of Python in the README runs as it is printed."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

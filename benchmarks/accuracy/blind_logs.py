@@ -23,8 +23,6 @@ arm in which nothing is hidden leaves there, where that is more than the error o
 false. What is visible is judged by the hidden cause alone.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Mapping

@@ -6,8 +6,6 @@ A case is a log of `blind_logs` whose links are 3 % off, or one of `every_log` t
 seconds. A tuple of a module is halved and doubled as a whole.
 """
 
-from __future__ import annotations
-
 import sys
 import tomllib
 from collections.abc import Iterator

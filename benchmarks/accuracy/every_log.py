@@ -9,8 +9,6 @@ the base inertial parameters of robots", 1991). Both get the same filtered signa
 commanded and measured positions have our error alone.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from importlib import metadata

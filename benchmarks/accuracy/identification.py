@@ -3,8 +3,6 @@
 python -m benchmarks.accuracy.identification [--quick]
 """
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """Logs of excited arms whose links differ from the nominal; torques are MuJoCo's."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.hidden.worlds import inverse_torque

@@ -7,8 +7,6 @@ that was held out between, and on a check log: later on, or other logs. All get 
 Reads ../shared/measured, and needs ``pip install .[peers]``; what is missing is skipped.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import time
 from collections.abc import Callable

@@ -4,8 +4,6 @@ Thanh Nguyen et al., "FIGAROH: a Python toolbox for dynamic identification and g
 of robots and humans", Humanoids 2023; pip install figaroh.
 """
 
-from __future__ import annotations
-
 import logging
 import tempfile
 from pathlib import Path

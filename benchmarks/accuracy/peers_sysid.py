@@ -3,8 +3,6 @@
 pip install "mujoco[sysid]"; Gauss–Newton on rollouts, whose Jacobian is of finite differences.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

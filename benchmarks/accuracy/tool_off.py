@@ -13,8 +13,6 @@ cases, twice the sensors' noise in all. An earlier diagnosis without the tool (`
 them apart.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import replace
 

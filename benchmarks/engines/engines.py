@@ -7,8 +7,6 @@ is held at 90 % of its stiction and driven at 110 %. Engines whose extra is not 
 rows of an earlier run.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from itertools import product
 from typing import Any

@@ -6,8 +6,6 @@ Writes each page and its picture of the rows in the CSV beside it; the page says
 measured.
 """
 
-from __future__ import annotations
-
 import csv
 from collections import Counter
 from collections.abc import Callable, Mapping

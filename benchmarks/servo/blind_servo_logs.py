@@ -8,8 +8,6 @@ late stamps and a clock that jitters, hide none to three causes on drawn joints
 causes does it name, and on the right joints?
 """
 
-from __future__ import annotations
-
 import sysconfig
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -7,8 +7,6 @@ commands drive stock MuJoCo: ``model.xml``, and the same arm with joint ``fricti
 the LuGre bristle.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

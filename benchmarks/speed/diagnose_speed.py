@@ -6,8 +6,6 @@ Each case is a process of its own, imports and pictures included. The machine's 
 half, so each time is also given over that of a loop of plain Python just before and after it.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess

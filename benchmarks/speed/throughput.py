@@ -5,8 +5,6 @@
 Each pair is measured back to back, round after round, so that a slow moment meets both.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable

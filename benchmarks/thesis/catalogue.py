@@ -6,8 +6,6 @@
 Table 4.6 and Figure 4.6 share their number: ``4.6`` is both, ``table-4.6`` the one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path

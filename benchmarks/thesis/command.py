@@ -3,8 +3,6 @@
 Without a target: all its tables and figures in one folder, or some of them (``--only``).
 """
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ An item asks studies for parts and draws what they found; it simulates nothing. 
 all items, `studies` simulates.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ column *simulated* is of the log with which all is wrong that `lsm.WRONG` names,
 the same arm with clean signals and the right model.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -8,8 +8,6 @@ all of it raw. Here the friction is known and one thing at a time is wrong with 
 names them. `rosdyn` has the other method, the links by least squares.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ final one of Table 4.9. All of it is the shipped set-up; the thesis prints no pa
 speeds.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

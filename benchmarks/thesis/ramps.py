@@ -3,8 +3,6 @@
 The thesis has a picture for each joint and pose, ours has both poses of a joint side by side.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

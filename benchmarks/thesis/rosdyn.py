@@ -8,8 +8,6 @@ ones. Nothing asks whether a link with these parameters can exist. Accelerations
 logged speeds, as in the thesis (section 5.1: "the acceleration was quite noisy").
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

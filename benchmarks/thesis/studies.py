@@ -1,7 +1,5 @@
 """The studies behind the items: each is run once, for the parts that items ask for."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

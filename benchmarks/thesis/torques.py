@@ -1,7 +1,5 @@
 """Breakaway torques simulated beside measured: Tables 4.3 and 4.5 to 4.10."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

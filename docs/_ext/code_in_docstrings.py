@@ -1,7 +1,5 @@
 """Indented lines of a docstring are code or an equation: shown as they are written."""
 
-from __future__ import annotations
-
 from sphinx.application import Sphinx
 
 

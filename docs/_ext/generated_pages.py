@@ -3,8 +3,6 @@
 They lie in ``docs/generated/``, which git ignores, so that no page can drift from its source.
 """
 
-from __future__ import annotations
-
 import argparse
 import inspect
 import os

@@ -1,7 +1,5 @@
 """Equations as MathML, which browsers draw by themselves: no MathJax from a network."""
 
-from __future__ import annotations
-
 from docutils import nodes
 from docutils.utils.math import latex2mathml
 from sphinx.application import Sphinx

@@ -1,7 +1,5 @@
 """The page of a notebook, as it was saved: words, code, and what the code printed and drew."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path

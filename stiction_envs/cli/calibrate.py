@@ -1,7 +1,5 @@
 """``stiction calibrate``: joint friction from measured base torques."""
 
-from __future__ import annotations
-
 import argparse
 
 from stiction_envs.cli import common

@@ -1,7 +1,5 @@
 """``stiction check``: facts about logs, the causes they can show, defects of logs and tables."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import asdict, replace
 

@@ -1,7 +1,5 @@
 """``stiction conformance``: does each joint hold under its stiction, and go over it."""
 
-from __future__ import annotations
-
 import argparse
 
 from stiction_envs.cli import common

@@ -1,7 +1,5 @@
 """From arguments to an exit code: the only place that prints errors and knows the codes."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

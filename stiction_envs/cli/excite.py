@@ -1,7 +1,5 @@
 """``stiction excite``: a motion to run on a robot so that its dynamics can be identified."""
 
-from __future__ import annotations
-
 import argparse
 
 from stiction_envs.cli import common

@@ -1,7 +1,5 @@
 """``stiction export``: the arm that sticks, as plain MJCF for MuJoCo and other engines."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

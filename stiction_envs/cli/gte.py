@@ -1,7 +1,5 @@
 """``stiction gte``: the Generated Trajectory Experiment, with and without what frees joints."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``stiction identify``: an arm's masses, inertias and friction from measured joint logs."""
 
-from __future__ import annotations
-
 import argparse
 
 from stiction_envs.cli import common, log_options

@@ -1,7 +1,5 @@
 """A progress bar on standard error: tqdm on a terminal, a line now and then elsewhere."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import threading

@@ -1,7 +1,5 @@
 """``stiction sje``: the Single Joint Experiment, with and without dither."""
 
-from __future__ import annotations
-
 import argparse
 
 from stiction_envs.cli import common

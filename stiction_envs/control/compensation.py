@@ -4,8 +4,6 @@ The laws are in `laws`, a file each. What they may use is what a controller has:
 speeds, the reference, its own model of the arm's dynamics, and the torque that it commanded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -95,12 +93,12 @@ class Compensation:
         fields = zip(values, LAWS[self.kind].fields, strict=True)
         return np.column_stack([self.gain, *(1.0 / x if f.inverse else x for x, f in fields)])
 
-    def replace(self, **changes: ArrayLike) -> Compensation:
+    def replace(self, **changes: ArrayLike) -> "Compensation":
         """Return the compensation with other numbers."""
         numbers: dict[str, ArrayLike] = {"gain": self.gain, **self.numbers, **changes}
         return Compensation(kind=self.kind, **numbers)
 
-    def times(self, factor: float) -> Compensation:
+    def times(self, factor: float) -> "Compensation":
         """Return the compensation of ``factor`` times as much friction; raise for a factor < 0."""
         if checked(factor, Amount, "compensation factor") == 0:  # no friction at all has no bristle
             return self.replace(gain=(0.0,) * self.n)
@@ -111,7 +109,7 @@ class Compensation:
     @classmethod
     def from_friction(
         cls, kind: str, friction: FrictionParameters, factor: float = 1.0, *, load: ArrayLike = 0.0
-    ) -> Compensation:
+    ) -> "Compensation":
         """Return the compensation that takes the friction of one arm for true, directions averaged.
 
         ``factor`` multiplies the friction [-]; ``load`` (n,) is the transmitted torque [N·m].

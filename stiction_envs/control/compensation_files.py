@@ -12,8 +12,6 @@ In YAML the kind is given once:
       joint1: {joint: 1, gain_nm: 0.9, speed_rad_s: 0.02, error_rad: 0.002, load_gain: 0.0}
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 

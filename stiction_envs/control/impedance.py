@@ -11,8 +11,6 @@ motion within the nullspace. Together they are not: P stops the nullspace spring
 what Cartesian motion stored in it, a known property of the projection approach (Ott 2008).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple

@@ -4,8 +4,6 @@ They come from the engine's kinematics of the simulation, or of a rigid arm at m
 angles. Simulations are computed one after the other: the same bits in any batch.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

@@ -7,8 +7,6 @@ A = S J M⁻¹ Jᵀ S, S = diag(1, 1, 1, ℓ, ℓ, ℓ), every eigenvalue s of A
 Functions are compiled and take one pose.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools

@@ -6,8 +6,6 @@ K, delay and limits are those of `PositionServos`; the servo's damping is the jo
 of the friction).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.arrays import Array, Index

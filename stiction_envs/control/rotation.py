@@ -5,8 +5,6 @@ result is the same bits in any batch. q and −q are the same rotation; where a 
 could be either, the docstring says which. Formulas: Diebel, *Representing attitude*, 2006.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

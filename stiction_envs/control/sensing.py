@@ -8,8 +8,6 @@ is the robot's own, which lags (a filter of first order), or the difference of t
 read, over a cycle, behind a low-pass. *Ideal* is none of this, and computes nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path

@@ -5,8 +5,6 @@ SplitMix64 (Steele, Lea & Flood 2014; sources.md 8.1), as if that generator coul
 no bit depends on what else is simulated.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ as on the Panda (libfranka 0.9: sources.md 1.8). Dither is added to the command 
 as in the thesis (3.2). Everything works on blocks of K control steps of 1 ms for M simulations.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -43,7 +41,7 @@ class TorqueInterface:
     @classmethod
     def of(
         cls, arm: Arm, *, controller_rate_hz: float | None = None, lowpass_hz: float | None = None
-    ) -> TorqueInterface:
+    ) -> "TorqueInterface":
         """Return the interface of an arm, with another rate or filter if named."""
         rate = arm.controller_rate_hz if controller_rate_hz is None else controller_rate_hz
         return cls(
@@ -53,7 +51,7 @@ class TorqueInterface:
             torque_limit=arm.limits.torque,
         )
 
-    def unlimited(self) -> TorqueInterface:
+    def unlimited(self) -> "TorqueInterface":
         """Return the same rate without filter and limits."""
         far = np.full_like(self.torque_limit, np.inf)
         return replace(self, lowpass_hz=0.0, torque_rate=far, torque_limit=far)

@@ -6,8 +6,6 @@ dropped at every corner. Everything works element by element: an arm's reference
 for any N.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Arms are computed one after the other in plain arithmetic: the same bits in any batch.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torque dither A·w(2πft + φ) on every joint of N simulations at once."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass, field
 from types import EllipsisType
@@ -92,7 +90,7 @@ class Dither:
         self._prepare()
 
     @classmethod
-    def none(cls, N: int, n: int) -> Dither:
+    def none(cls, N: int, n: int) -> "Dither":
         """Return no dither: zero torque on N simulations × n joints."""
         return cls(amplitude=np.zeros((N, n)), frequency=0.0)
 
@@ -156,7 +154,7 @@ class Dither:
                 out = w
         return np.zeros(shape) if out is None else out
 
-    def retune(self, t: Array, *, amplitude: Array, frequency: Array) -> Dither:
+    def retune(self, t: Array, *, amplitude: Array, frequency: Array) -> "Dither":
         """Return the dither with new A [N·m] and f [Hz], valid and (N, n), from times t (N,) [s].
 
         φ becomes φ + 2π(f_old − f_new)·t, so that 2πft + φ is the same before and after at ``t``.
@@ -165,7 +163,7 @@ class Dither:
         phase = self.phase + _TWO_PI * (self.frequency - frequency) * t[:, None]
         return self._derive(amplitude=amplitude.copy(), frequency=frequency.copy(), phase=phase)
 
-    def set_rows(self, ids: Index, other: Dither) -> Dither:
+    def set_rows(self, ids: Index, other: "Dither") -> "Dither":
         """Return this dither with the rows of simulations ``ids`` (M,) from ``other``."""
         mine, theirs = (len(ids), self.n), (other.N, other.n)
         if mine != theirs:
@@ -186,7 +184,7 @@ class Dither:
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
 
-    def _derive(self, **fields: object) -> Dither:
+    def _derive(self, **fields: object) -> "Dither":
         """Return a copy with some fields replaced by checked ones."""
         new = copy.copy(self)
         new._fill(**fields)

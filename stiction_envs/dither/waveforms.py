@@ -5,8 +5,6 @@ period 1/f, or sweep and mix frequencies around f. Every waveform has zero mean 
 your own with a subclass of :class:`Waveform` and :func:`register_waveform`.
 """
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping

@@ -11,8 +11,6 @@ of the environment: amplitudes [N·m], then frequencies [Hz]. Actions depend on 
 so that they are the same bits in any batch.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path

@@ -6,8 +6,6 @@ core's cache, and no thread waits for another in between. Engine and compiled co
 lock. Results depend neither on the batches nor on the threads.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial

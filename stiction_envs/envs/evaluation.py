@@ -7,8 +7,6 @@ An agent is anything with Stable-Baselines3's `predict` whose actions are in the
 environment. Every agent gets the same episodes; a row is the same bits in a batch of any size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """The Generated Trajectory Experiment as a Gymnasium environment, alone and as a native batch."""
 
-from __future__ import annotations
-
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.envs.render.frames import PathRenderer
 from stiction_envs.experiments.gte.episodes import GTEEpisodes

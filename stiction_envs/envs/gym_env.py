@@ -4,8 +4,6 @@ An environment is a class whose docstring is its page and whose ``episodes`` are
 `Episodes`; see `sje` and `gte`.
 """
 
-from __future__ import annotations
-
 import inspect
 import pickle
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The parts of an environment's page, its class docstring, that all experiments share."""
 
-from __future__ import annotations
-
 import inspect
 
 from stiction_envs.experiments.episodes import Episodes

@@ -1,7 +1,5 @@
 """The Single Joint Experiment as a Gymnasium environment, alone and as a native batch."""
 
-from __future__ import annotations
-
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.envs.render.frames import JointRenderer
 from stiction_envs.experiments.sje.episodes import SJEEpisodes

@@ -19,8 +19,6 @@ MuJoCo's ``frictionloss`` with default solver settings fails: it creeps (sources
 an engine of float32 may move by 1e-5 rad instead of 1e-6.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import hashlib

@@ -1,7 +1,5 @@
 """Results of a conformance test: numbers, table and file."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any

@@ -6,8 +6,6 @@ depend on how many there are: row i of a batch and a single environment with the
 generator are the same bits.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields

@@ -4,8 +4,6 @@
 `scipy.signal.butter` and `scipy.signal.sosfilt` do, in the same order: the same bits.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.arrays import Array

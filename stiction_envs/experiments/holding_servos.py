@@ -13,8 +13,6 @@ is positive definite, with all that is damped and sprung explicitly in C and K: 
 share with which one alone stops a motion within a step.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

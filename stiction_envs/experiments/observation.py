@@ -1,7 +1,5 @@
 """Names and bounds of the actions and observations of every environment."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any

@@ -6,8 +6,6 @@ The thesis (3.2) moved the arm by hand and read the sensed torques: the load pos
 upright arm) the tilting moment on its bearing.
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass
 

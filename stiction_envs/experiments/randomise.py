@@ -5,8 +5,6 @@ every joint and episode from that episode's generator. The controller, the bound
 the units of observation and reward remain the nominal arm's: they are what a person knows.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated
 

@@ -7,8 +7,6 @@ An experiment is one folder: its `Experiment`, its `Rig` and its `Episodes`, and
 `envs.registration`, by which its environments are found.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ The folder is laid out as in MuJoCo Menagerie: ``model.xml``, ``scene.xml``, ``R
 sources, ``CHANGELOG.md``.
 """
 
-from __future__ import annotations
-
 import textwrap
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass

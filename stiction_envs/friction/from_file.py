@@ -1,7 +1,5 @@
 """Friction parameters from a robot's MJCF or URDF."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.arrays import Array

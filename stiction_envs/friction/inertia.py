@@ -1,7 +1,5 @@
 """Mass matrix and gravity torque of the rigid arm, without rotors."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 

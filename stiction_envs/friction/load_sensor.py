@@ -5,8 +5,6 @@ an upright arm, the symmetric last joint of an iiwa – still carries the arm in
 the load is the gravity *moment across the axis* (the bearing's tilting moment), unsigned.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -11,8 +11,6 @@ plant with the whole arm (`gap.tables` corrects the difference between the two a
 A rigid joint (K = inf) is a rotor that carries the link.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np

@@ -13,8 +13,6 @@ Per joint i the model has, all native MuJoCo:
 Gravity is compensated by MuJoCo's ``gravcomp``, as the arm's own controller does it.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 

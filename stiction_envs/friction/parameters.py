@@ -1,7 +1,5 @@
 """Friction parameters of an arm: one TOML, every number with a source or `assumed`."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -118,17 +116,17 @@ class FrictionParameters:
         names = [k for k, q in QUANTITIES.items() if q.by_direction]
         return any(bool(np.any(a[..., 0] != a[..., 1])) for a in (getattr(self, k) for k in names))
 
-    def replace(self, **changes: Array) -> FrictionParameters:
+    def replace(self, **changes: Array) -> "FrictionParameters":
         """Return a copy with some fields changed."""
         return dataclasses.replace(self, **changes)
 
-    def tile(self, nsim: int) -> FrictionParameters:
+    def tile(self, nsim: int) -> "FrictionParameters":
         """Return the parameters of ``nsim`` equal arms, (nsim, n)."""
         fields = {k: getattr(self, k) for k in QUANTITIES}
         tiled = {k: np.broadcast_to(x, (nsim, *x.shape)) for k, x in fields.items()}
         return FrictionParameters(**tiled)
 
-    def rigid(self) -> FrictionParameters:
+    def rigid(self) -> "FrictionParameters":
         """Return the same friction on joints without elasticity."""
         return self.replace(joint_stiffness=np.full_like(self.joint_stiffness, np.inf))
 

@@ -3,8 +3,6 @@
 `stiction diagnose` writes that table of servo logs.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from pathlib import Path
 

@@ -5,8 +5,6 @@ the speed, r being the joint's largest dry friction over its least, so a step is
 h σ1 (1 + r) < 2 J (sources.md 3.5). J is the least inertia that the joint feels: all others free.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

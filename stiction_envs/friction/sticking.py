@@ -1,7 +1,5 @@
 """Build the model of an arm that sticks from names, files or objects; find its friction file."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ diagnose("log.csv", "panda", torque="link", check=["other.csv"])  # does its mod
 d.save("runs/why")             # diagnosis.json, report.html, model.xml, model.toml, plots
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 logs -> signals -> residual of the nominal model -> significant causes -> parameters
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

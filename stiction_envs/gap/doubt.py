@@ -6,8 +6,6 @@ difference from what the model has: the earlier doubt is in its interval, and, w
 in its own rows, so that it is gone from the sum of both.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

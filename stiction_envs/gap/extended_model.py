@@ -4,8 +4,6 @@ Controls of the MJCF are joint torques as in the logs. They include gravity, so 
 compensate it. What MuJoCo cannot represent is described, and given as torque along the logs.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

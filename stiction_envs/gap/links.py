@@ -3,8 +3,6 @@
 If a body is also named (the last link's for a payload), the uncertainty is that of the sum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

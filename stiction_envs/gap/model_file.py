@@ -3,8 +3,6 @@
 `--nominal model.toml` reads it, so that the next diagnosis can start from this result.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

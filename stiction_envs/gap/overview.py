@@ -7,8 +7,6 @@ together; and for each cause how much of its prior is left along this motion, if
 usual friction and small errors. No cause is looked for.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from pathlib import Path
 

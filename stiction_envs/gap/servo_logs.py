@@ -1,7 +1,5 @@
 """`diagnose` of servo logs: the known servos, the logs, and the result."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -12,8 +12,6 @@ Both are simulated; ``hidden.json`` beside them is the truth. ``python -m
 tests.hidden.make_examples`` makes the files that are shipped.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import zipfile

@@ -10,8 +10,6 @@ Levels may grow with the transmitted torque L: F_s(L) = F_s + k L, and F_c in th
 Nothing in this file imports MuJoCo.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np

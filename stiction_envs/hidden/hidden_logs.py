@@ -5,8 +5,6 @@ friction, and every cause acts where it belongs. The nominal model (`HiddenLogs.
 known dry and viscous friction and rotors, or none (``"rigid"``); hidden causes come on top.
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import tempfile

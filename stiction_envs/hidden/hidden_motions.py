@@ -1,7 +1,5 @@
 """Motions for the blind tests, as a person would record them, in random variants."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ logs (`servo_logs`) hide its usual size; a rehearsal hides three. Sizes are chos
 the same on small and large joints: angles, times and shares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -43,7 +41,7 @@ class ServoJoint:
         """Return a parameter by its name."""
         return float(self.parameters[INDEX[name]])
 
-    def on_friction(self) -> ServoJoint:
+    def on_friction(self) -> "ServoJoint":
         """Return the joint with at least its dry friction."""
         p = self.parameters.copy()
         p[INDEX["stiction"]] = max(p[INDEX["stiction"]], self.friction)

@@ -4,8 +4,6 @@ Each arm has its links off by 5 %, angles in steps of an encoder, stamps that ar
 that jitters; a hidden cause comes on top of these.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ The fit of servo logs uses no line of this file; both have the names of the para
 (`gap.servo.servo_parameters`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

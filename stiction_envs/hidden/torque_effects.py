@@ -7,8 +7,6 @@ only the model has is an effect with its own name, ``phantom_payload``; as a cau
 of negative mass.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 

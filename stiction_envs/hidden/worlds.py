@@ -1,7 +1,5 @@
 """An arm as it really is, with all that a hidden cause may change, and its MuJoCo model."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -90,7 +88,7 @@ class World:
     """Reading of each joint less its angle [rad]."""
 
     def __post_init__(self) -> None:
-        for name in (f.name for f in fields(self) if f.type == "Array"):
+        for name in (f.name for f in fields(self) if f.type is Array):
             value = np.atleast_1d(np.asarray(getattr(self, name), np.float64))
             if len(value) != self.rigid.n:
                 setattr(self, name, np.repeat(value, self.rigid.n, axis=0))

@@ -12,8 +12,6 @@ number of the regressor of the base parameters and of friction. Slow sweeps ther
 follow: a fast series alone hardly excites dry friction.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import os

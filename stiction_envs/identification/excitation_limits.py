@@ -5,8 +5,6 @@ by MuJoCo's collision detection with a margin. Pairs that touch at rest (a foot 
 neighbours) are left out. Pairs that are near at rest keep half of their distance there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import mujoco

@@ -1,7 +1,5 @@
 """Parts of an excitation: a Fourier series that rests once a period, and slow sweeps."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

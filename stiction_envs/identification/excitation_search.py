@@ -7,8 +7,6 @@ penalties for limits that are broken; a motion that still breaks one in the end 
 Hansen, A. Ostermeier, "Completely derandomized self-adaptation in evolution strategies", 2001).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

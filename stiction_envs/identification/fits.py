@@ -7,8 +7,6 @@ measured in front of the gear) and small errors of all links have the priors of 
 size of the links' errors is the likeliest one. The links are the nearest bodies that exist.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

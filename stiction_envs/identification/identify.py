@@ -14,8 +14,6 @@ gives negative masses (Table 4.1 of the thesis). So a second fit, that of a diag
 causes (`fits`), keeps links near the nominal ones and physically consistent.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence

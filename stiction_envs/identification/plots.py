@@ -1,7 +1,5 @@
 """Pictures of an excitation, and of an identification."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 

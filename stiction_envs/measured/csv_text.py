@@ -4,8 +4,6 @@ Excel writes semicolons and decimal commas in most of Europe, and "Unicode text"
 tabs; :func:`numpy.savetxt` writes blanks.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import io

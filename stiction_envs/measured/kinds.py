@@ -1,7 +1,5 @@
 """Tell a torque table from a joint log by the first line of the file."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

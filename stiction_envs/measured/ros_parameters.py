@@ -18,8 +18,6 @@ bit. A controller whose parameters come from generate_parameter_library declares
 Friction compensation is a group of its own (`control.compensation_files`).
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

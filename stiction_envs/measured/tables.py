@@ -4,8 +4,6 @@ Torques in N·m, frequencies in Hz, joints from 1. ``tau`` is signed as in the t
 direction ``+``. ``load`` and ``no_load`` are the two arm poses of the static joint experiment.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import warnings

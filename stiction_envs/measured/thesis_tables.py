@@ -7,8 +7,6 @@ joint 5's no-load + intermediate amplitude is 1.2 × base) and marks one bad mea
 Source: S. Monzó Martínez, A. Zejnullahu, MSc thesis TFRT-6202, Lund University, 2023.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """N simulations of any model in lockstep, without what a sticking arm's plant does besides."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import mujoco

@@ -3,8 +3,6 @@
 Pickle alone copies two views of an array apart, and has no access to the memory of a batch.
 """
 
-from __future__ import annotations
-
 import ctypes
 import io
 import pickle

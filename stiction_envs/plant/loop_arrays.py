@@ -1,7 +1,5 @@
 """Arrays of a plant's simulations that compiled code reads and writes, one simulation at a time."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

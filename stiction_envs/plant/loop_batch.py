@@ -9,8 +9,6 @@ That is `Batch.step` up to ``mjSTAGE_VEL``, with the same bits: the same functio
 library in the same order.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import threading
@@ -118,7 +116,7 @@ class Threads:
         self._count = count
         self._pool: ThreadPoolExecutor | None = None
 
-    def __reduce__(self) -> tuple[type[Threads], tuple[int]]:
+    def __reduce__(self) -> tuple[type["Threads"], tuple[int]]:
         return Threads, (self._count,)
 
     def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:

@@ -11,8 +11,6 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 * direction, which changes within one, every control step – only if some level depends on it.
 """
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 from mujoco.batch import Batch

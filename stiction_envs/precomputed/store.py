@@ -11,8 +11,6 @@ anew, even what is shipped. A file that cannot be read, or a damaged line, count
 folder that cannot be written is not an error.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import os

@@ -1,7 +1,5 @@
 """A report's Markdown as one HTML file that includes its pictures."""
 
-from __future__ import annotations
-
 import base64
 import html
 import re

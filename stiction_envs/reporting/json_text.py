@@ -1,7 +1,5 @@
 """Standard JSON: paths as text, numbers as Python's, null for what is not finite."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

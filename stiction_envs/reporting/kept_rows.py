@@ -10,8 +10,6 @@ benchmarks, precomputed results. Trials are in an Optuna study instead, which sa
 machines share; a training's checkpoint is Stable-Baselines3's, networks and replay buffer.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Numbers, lists and tables as text for reports."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

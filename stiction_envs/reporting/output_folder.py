@@ -5,8 +5,6 @@ with folder:                                                     # makes the fol
     write(folder.path / "sje.csv")                               # on success lists the files
 """
 
-from __future__ import annotations
-
 import json
 import os
 from contextlib import suppress

@@ -3,8 +3,6 @@
 Both write the same bytes for the same figure.
 """
 
-from __future__ import annotations
-
 import io
 import os
 

@@ -1,7 +1,5 @@
 """Provenance of a result: versions, git commit, seed, arguments, hashes of the input files."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import json

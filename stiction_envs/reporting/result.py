@@ -1,7 +1,5 @@
 """Base class of the library's results: short to print; `save` writes what the command writes."""
 
-from __future__ import annotations
-
 import abc
 import os
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ A template holds the words and a few branches. Numbers come from Python, either 
 `FILTERS`. Tables are made by `markdown.table` and come as text.
 """
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

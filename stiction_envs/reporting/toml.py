@@ -1,7 +1,5 @@
 """The only writer of TOML: tomli-w's text, with comments and with arrays of numbers on one line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Read the TOML of an arm: limits, interface, rest pose, each with its source."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache

@@ -5,8 +5,6 @@ at zero, or at the nearer end of a range without zero; a floating base at its pl
 Their links keep mass and shape. Other trees of the world that can move are removed.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from pathlib import Path

@@ -6,8 +6,6 @@ J' = A J Aᵀ of the pseudo-inertia J, with A near one, exists for every A (C. R
 "Smooth parameterization of rigid-body inertia", IEEE RA-L 2022).
 """
 
-from __future__ import annotations
-
 import clarabel
 import numpy as np
 from scipy.linalg import block_diag

@@ -1,7 +1,5 @@
 """Identified inertias put into an arm, so that plant, experiments and exports use them."""
 
-from __future__ import annotations
-
 import dataclasses
 import xml.etree.ElementTree as ET
 

@@ -1,7 +1,5 @@
 """Edits of MJCF text that lose no digits (``MjSpec.to_xml`` writes six)."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Container, Iterable
 

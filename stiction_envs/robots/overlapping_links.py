@@ -3,8 +3,6 @@
 MoveIt's set-up assistant excludes such pairs in the same way: by poses drawn at random.
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections import Counter
 

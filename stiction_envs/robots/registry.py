@@ -11,8 +11,6 @@ only models in the cache are used, and nothing is downloaded.
 Sources: google-deepmind/mujoco_menagerie; robot_descriptions, _cache.py.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import re

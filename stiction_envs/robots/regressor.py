@@ -6,8 +6,6 @@ links", 1986). W has not full rank: only sums of parameters act on the torques, 
 (M. Gautier, "Numerical calculation of the base inertial parameters of robots", 1991).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ joints makes the arm another mechanism than a serial one, and is refused.
 Source: MuJoCo 4, XML reference (joint, actuator, body, tendon, equality).
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 The ``<mujoco>`` element, such as ``<compiler balanceinertia="true"/>``, stays as the file has it.
 """
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 from pathlib import Path

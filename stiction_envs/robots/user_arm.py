@@ -6,8 +6,6 @@ armature, springs and dry friction, gravity compensation, and slides, whose link
 where the robot rests. Of a bigger robot all joints outside one arm are locked (`chain`).
 """
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from itertools import pairwise
 from pathlib import Path

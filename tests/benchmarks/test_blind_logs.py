@@ -1,7 +1,5 @@
 """The blind study: cases whose links are off have rows of their own, and a column of the page."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

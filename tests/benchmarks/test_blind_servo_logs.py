@@ -1,7 +1,5 @@
 """The study of causes hidden in servo logs."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -1,7 +1,5 @@
 """Rows are kept until the code that decides them changes; a stopped study goes on."""
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages of kept rows are what their scripts make of the rows."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

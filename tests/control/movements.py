@@ -1,7 +1,5 @@
 """Movements and goals of several arms at once, for tests."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, new_movements

@@ -1,7 +1,5 @@
 """Frictionless arms under the impedance controller, for its tests."""
 
-from __future__ import annotations
-
 import functools
 from typing import NamedTuple
 
@@ -110,7 +108,7 @@ class Rig:
         self.control.reset(np.arange(1), pose.position, pose.quaternion, pose.q)
         self.control.update_model(pose.jacobian, pose.mass)
 
-    def look(self) -> Look:
+    def look(self) -> "Look":
         m, d = self.model, self.data
         mujoco.mj_fwdPosition(m, d)
         jac, mass = np.zeros((1, 6, m.nv)), np.zeros((1, m.nv, m.nv))
@@ -126,7 +124,7 @@ class Rig:
             mass,
         )
 
-    def step(self) -> Look:
+    def step(self) -> "Look":
         """One control cycle and one step of physics."""
         pose = self.look()
         self.control.update_model(pose.jacobian, pose.mass)

@@ -1,7 +1,5 @@
 """Friction compensation: its law, tables, and a joint whose friction it takes away exactly."""
 
-from __future__ import annotations
-
 import pickle
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of gains: they read back bit for bit, and say what is wrong."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import yaml

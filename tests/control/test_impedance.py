@@ -1,7 +1,5 @@
 """Cartesian impedance control: limit cases of equations 2.9 to 2.17 on frictionless arms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

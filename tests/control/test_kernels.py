@@ -1,7 +1,5 @@
 """Compiled code against the same code in Python, where every index is checked."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.control import impedance, operational, rotation

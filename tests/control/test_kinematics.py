@@ -1,7 +1,5 @@
 """Pose and Jacobian of the end effector against MuJoCo's own, simulation by simulation."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Quaternion helpers against scipy, their limit cases, and bits that do not depend on the batch."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

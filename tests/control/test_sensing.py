@@ -1,7 +1,5 @@
 """Senses against the laws of noise, delay and quantisers (sources.md 8)."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The torque path: hold, rate limit, low-pass, torque limit. sources.md 1.8 and 2.6."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter

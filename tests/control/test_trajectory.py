@@ -1,7 +1,5 @@
 """Trapezoidal segments, goals accepted from the measured pose, paths (sources.md 6.2)."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A waveform from outside the package works wherever a built-in one does, or is refused."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The notebook runs as it is, prints what is shown, and says where Colab gets the package from."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

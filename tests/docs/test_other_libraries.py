@@ -1,7 +1,5 @@
 """The arm and its environments in other people's libraries, as the pages show them."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

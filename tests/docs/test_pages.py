@@ -1,7 +1,5 @@
 """The three ways in: a picture, three lines to type, and every block prints what is shown."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import subprocess

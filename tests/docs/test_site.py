@@ -1,7 +1,5 @@
 """The site builds without a warning, asks nothing of a network, and has no link into nothing."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

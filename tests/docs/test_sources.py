@@ -1,7 +1,5 @@
 """Every citation lands: sections of docs/sources.md, and modules that TOMLs name."""
 
-from __future__ import annotations
-
 import re
 from importlib.util import find_spec
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Both experiments in short episodes, for the tests of the environments."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import gymnasium as gym

@@ -6,8 +6,6 @@ It takes some minutes. Run it after a change that alters such a result or its di
 ``tests/envs/test_precompute.py`` says when.
 """
 
-from __future__ import annotations
-
 import os
 import tempfile
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Agents without learning: what they do for what they see."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

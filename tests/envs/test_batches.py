@@ -1,7 +1,5 @@
 """Threads that step batches: the same bits for any number of them, also where a batch fails."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import time

@@ -1,7 +1,5 @@
 """A copy of an environment in mid-episode goes on with the same bits, beside the original."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

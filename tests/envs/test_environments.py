@@ -1,7 +1,5 @@
 """Tests of both environments, alone and in Gymnasium's wrappers."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One function evaluates every agent; its rows are the environment's info."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

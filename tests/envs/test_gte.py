@@ -1,7 +1,5 @@
 """The GTE environment: iterations, observation, paths; see `test_environments`."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Rewards of the GTE environment: terms, units, and the steps that pay."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """An environment's page, its class docstring, says what the code does; its signature too."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import fields
 

@@ -1,7 +1,5 @@
 """Shipped and cached base torques, undithered runs and poses equal simulated ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

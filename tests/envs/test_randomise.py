@@ -1,7 +1,5 @@
 """Domain randomisation and robot senses: what varies, and that nothing else does."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The SJE environment: reward and observation; see `test_environments`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 A new environment is found by its entry point and needs no line here.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

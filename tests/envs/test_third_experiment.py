@@ -1,7 +1,5 @@
 """A third experiment is one folder (``still``) and one registry line: all else finds it."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

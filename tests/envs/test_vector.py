@@ -1,7 +1,5 @@
 """A batch of any size and number of threads equals its single environments, bit for bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv

@@ -1,8 +1,6 @@
 """The C++ example: torques as Python's, files refused as by Python, and a main program that is safe
 against a stand-in of libfranka."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

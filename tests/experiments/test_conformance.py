@@ -1,7 +1,5 @@
 """The stiction conformance test: what must pass, and what must fail it."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

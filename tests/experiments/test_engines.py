@@ -3,8 +3,6 @@
 Tests of an engine are left out where its package is missing; the rest run with stock MuJoCo.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from importlib.util import find_spec
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """The high-pass is SciPy's, to the bit."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.signal import butter, sosfilt
 

@@ -1,7 +1,5 @@
 """Bounds of actions and what is seen of them: limit cases with known answers."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

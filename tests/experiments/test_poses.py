@@ -1,7 +1,5 @@
 """The load and the no-load pose of each joint. Thesis 3.2."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

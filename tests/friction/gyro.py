@@ -5,8 +5,6 @@ M = diag(J_A, J_B), C = 0 and g = 0 in every pose. `pendulum`: the second link's
 `ARM` aside, so joint b carries gravity and joint a, vertical, carries its moment.
 """
 
-from __future__ import annotations
-
 import tempfile
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """MuJoCo's joint against the numpy law: both must be the same joint. sources.md 3.5, 4.5."""
 
-from __future__ import annotations
-
 import copy
 
 import mujoco

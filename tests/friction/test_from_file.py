@@ -1,7 +1,5 @@
 """Friction that a robot's own file states is the friction of its arm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The lone joint against the reference law, its own limits, and closed forms."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

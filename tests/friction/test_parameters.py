@@ -1,7 +1,5 @@
 """Friction parameters: reading, writing, checking, and the numbers that ship."""
 
-from __future__ import annotations
-
 import tomllib
 from importlib.resources import files
 

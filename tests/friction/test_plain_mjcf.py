@@ -1,7 +1,5 @@
 """Differences of an exported model from the simulated one."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """From names, arms and friction to models: which friction counts, and what tells models apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Arms that several tests diagnose."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

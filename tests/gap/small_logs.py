@@ -1,7 +1,5 @@
 """Small logs with something hidden in them: RNEA of pinocchio plus what a test adds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

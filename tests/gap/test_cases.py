@@ -4,8 +4,6 @@ A case is made here, without the diagnosis: torques are MuJoCo's along Fourier m
 friction that builds up over 0.2 mrad, noise, and what is wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path

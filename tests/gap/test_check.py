@@ -1,7 +1,5 @@
 """A finished model against logs that took no part: what holds, what does not, what is refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Causes that look like one another, or not at all, in simulated logs of a Panda."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A model file keeps the causes' covariance, the robot's lag and its sessions."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`--nominal file`: friction, rotors, springs and gravity compensation of the robot's own file."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

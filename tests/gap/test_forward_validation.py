@@ -1,7 +1,5 @@
 """Both models in stock MuJoCo along held-out windows: no NaN, or a reason."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from contextlib import suppress
 from dataclasses import replace

@@ -4,8 +4,6 @@
 torques have noise, steps of 0.01 N·m and 1 ms of lag, angles have noise and steps of 5 µrad.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small errors of all links: their size, their doubt, and what a next session makes of both."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The page to read before a diagnosis: what a log is, and what its motion can show."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Every possible ``model.toml`` runs an SJE: no simulation diverges."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

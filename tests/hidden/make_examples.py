@@ -4,8 +4,6 @@ The arm of ``so101`` is that of the package example-robot-data (TheRobotStudio's
 Apache-2.0) without meshes.
 """
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 import xml.etree.ElementTree as ET

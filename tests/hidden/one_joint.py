@@ -1,7 +1,5 @@
 """One joint with the friction law of `hidden.friction_law`, integrated in plain numpy."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

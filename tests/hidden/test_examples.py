@@ -1,7 +1,5 @@
 """The example logs are readable logs of arms that a simulation gets wrong, and can be made."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The numpy LuGre law against its own limit cases and against scipy: sources.md 3.1, 3.2."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Simulated logs: what each hidden cause does by itself, and links that are all a little off."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

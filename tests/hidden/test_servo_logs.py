@@ -1,7 +1,5 @@
 """Simulated servo logs: closed forms of one servo, and the plant as another engine."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 MuJoCo's own inverse dynamics of the file, as the user wrote it, are the truth.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 from pathlib import Path
 

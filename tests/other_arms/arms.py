@@ -3,8 +3,6 @@
 What is written by one command (`model.xml`, `trajectory.csv`) is read by the next.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata

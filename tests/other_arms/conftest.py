@@ -1,7 +1,5 @@
 """Settings that make commands on other people's arms short."""
 
-from __future__ import annotations
-
 import pytest
 
 from stiction_envs.experiments import conformance

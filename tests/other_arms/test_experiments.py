@@ -1,7 +1,5 @@
 """Other people's arms in experiments: each breaks a joint away; the longer commands take turns."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

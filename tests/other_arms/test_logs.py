@@ -1,7 +1,5 @@
 """Other people's arms and their logs: excited, identified, diagnosed; written models read again."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The plant gives the same bits for any batch, any position in it, any threads, any blocks."""
 
-from __future__ import annotations
-
 from functools import cache
 from itertools import pairwise
 

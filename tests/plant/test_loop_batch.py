@@ -1,7 +1,5 @@
 """A batch that compiled code steps is MuJoCo's own batch, to the bit."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

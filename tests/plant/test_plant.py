@@ -1,7 +1,5 @@
 """The plant: limit cases of the physics it steps. Its bits: test_determinism.py."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

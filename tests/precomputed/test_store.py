@@ -1,7 +1,5 @@
 """The store: exact, never stale, and never in the way."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ It is a limit to the size of files (RLIMIT_FSIZE, EFBIG in place of ENOSPC), so 
 files and pictures run into it in their own code, a few bytes into a file.
 """
 
-from __future__ import annotations
-
 import os
 import resource
 import sys
@@ -15,7 +13,7 @@ from typing import Any
 ROOM = 10
 """Bytes of a file that still fit."""
 REASONS = ("file too large", "disk i/o error")
-_active: list[FullDisk] = []
+_active: list["FullDisk"] = []
 
 
 class FullDisk:
@@ -24,7 +22,7 @@ class FullDisk:
     def __init__(self, folder: Path, at: int | None = None) -> None:
         self.folder, self.at, self.count = str(folder), at, 0
 
-    def __enter__(self) -> FullDisk:
+    def __enter__(self) -> "FullDisk":
         self._limits = resource.getrlimit(resource.RLIMIT_FSIZE)
         _active.append(self)
         return self

@@ -1,7 +1,5 @@
 """Work that was stopped goes on where it was, and other code does it anew."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

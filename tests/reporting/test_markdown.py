@@ -1,7 +1,5 @@
 """Numbers and lists as a reader wants them."""
 
-from __future__ import annotations
-
 import pytest
 
 from stiction_envs.reporting import markdown as md

@@ -1,7 +1,5 @@
 """Pictures: the same bytes for the same figure, and few colours in the small ones."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure

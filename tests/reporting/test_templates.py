@@ -1,7 +1,5 @@
 """Templates: what they ask for must be there, and blank lines do not pile up."""
 
-from __future__ import annotations
-
 import pytest
 from jinja2 import UndefinedError
 

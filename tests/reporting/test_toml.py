@@ -1,7 +1,5 @@
 """A TOML file of any layout is read back as it was written."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A two-joint arm and a fast ramp, the whole protocol in seconds; a real PostgreSQL."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """``stiction train``: a policy that dithers, by reinforcement learning."""
 
-from __future__ import annotations
-
 import argparse
 from dataclasses import replace
 

@@ -3,8 +3,6 @@
 Needs the extra `rl`: ``pip install 'stiction-envs[rl]'``.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Mapping
 from importlib import metadata

@@ -1,7 +1,5 @@
 """Comparison of policies: the same episodes for each, one row per episode."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Trained policies as numbers: they need numpy alone, and their files run no code."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib

@@ -1,7 +1,5 @@
 """Constants of training and evaluation; values are in ``settings.toml``."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path

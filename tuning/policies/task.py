@@ -1,7 +1,5 @@
 """Task of a policy: an arm, an experiment, the environment's arguments."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path

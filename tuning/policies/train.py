@@ -5,8 +5,6 @@ loses what came after its last checkpoint, and starts the episodes that were und
 the extra `rl`.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import warnings

@@ -1,7 +1,5 @@
 """Plots of the tuner's report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 The text is in ``templates/``; this module makes its numbers and tables.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

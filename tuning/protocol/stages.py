@@ -11,8 +11,6 @@ attributes are the measurements. An interrupted run continues when it is started
 database, several machines can share it.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field

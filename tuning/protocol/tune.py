@@ -1,7 +1,5 @@
 """`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 import warnings

@@ -4,8 +4,6 @@ Columns are as in an SJE table; ``std_nm``, ``iterations`` and ``reduction`` may
 torque of ``nan`` means that the joint stuck or the run failed; an empty one was not measured.
 """
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence

@@ -19,8 +19,6 @@ is added with its posterior mean as measurement before the next is chosen (krigi
 Ginsbourger, Le Riche & Carraro 2010).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
@@ -61,7 +59,7 @@ class Candidates:
         frequency, amplitude = self.frequency_hz[setting], self.amplitude_nm[setting]
         return AmplitudeRow(self.joint, float(frequency), float(amplitude))
 
-    def with_more(self, other: Candidates) -> Candidates:
+    def with_more(self, other: "Candidates") -> "Candidates":
         """Return these candidates and others of the same joint."""
         both = {
             f.name: np.concatenate(
@@ -104,7 +102,7 @@ class Readings:
             self.tried[s, c] = True
         self.known.ravel()[self.cell] = True
 
-    def with_rows(self, rows: Sequence[tuple[int, int, float]]) -> Readings:
+    def with_rows(self, rows: Sequence[tuple[int, int, float]]) -> "Readings":
         """Return these readings with more rows."""
         return Readings(self.settings, [*self.rows, *rows])
 

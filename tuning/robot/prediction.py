@@ -4,8 +4,6 @@ Two passes: a grid over frequency and amplitude; then, at every frequency, the a
 reaches the displacement limit, where the best setting usually lies, and none beyond the limit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 
@@ -47,7 +45,7 @@ class Predicted:
         return best if apart[best] <= same else None
 
     @classmethod
-    def read(cls, study: KeptRows) -> Predicted | None:
+    def read(cls, study: KeptRows) -> "Predicted | None":
         """Return the predictions of a study; None if there are none yet."""
         if (found := study.every.get(PREDICTIONS)) is None:
             return None

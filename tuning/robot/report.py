@@ -1,7 +1,5 @@
 """Current results of a robot's study: tables to measure, the best settings, the report."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass

@@ -6,8 +6,6 @@
 Both write report.md, final.csv and final.yaml. Everything permanent is in the study.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cached_property
 from pathlib import Path

@@ -5,8 +5,6 @@ passes the limits of torque and torque rate. A frequency that is drawn in a forb
 (resonances) moves to the band's nearest end.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

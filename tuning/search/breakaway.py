@@ -6,8 +6,6 @@ A setting of one joint is measured in its four configurations under every fricti
     constraint  displacement / largest displacement - 1 <= 0
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property

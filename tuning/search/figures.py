@@ -1,7 +1,5 @@
 """Plots of a search: landscape, front."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

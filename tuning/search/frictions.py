@@ -5,8 +5,6 @@ and springs. Where nobody has fitted these (`plausible`), predictions under seve
 how far the simulation may be off, and in which way together: see `robot.posterior`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.friction.parameters import GENERIC, FrictionParameters, load_friction, scaled

@@ -3,8 +3,6 @@
 The text is in ``templates/search.md.j2``.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 

@@ -9,8 +9,6 @@ bounds -> SJE: a study per joint -> table
 final.csv -> measured again, with other tables: unseen seeds, frictions, paths -> report.md
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from functools import partial

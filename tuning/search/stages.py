@@ -1,7 +1,5 @@
 """Stages of a search: each joint in the SJE, whole tables in the GTE, the final measurement."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cached_property, partial
 from pathlib import Path

@@ -8,8 +8,6 @@ arm is tried on every path, stiffness and friction:
     constraint  vibration / largest vibration - 1 <= 0, moving and at rest
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -78,7 +76,7 @@ class Tracking:
             "torque_rate_nm_s": float(self.torque_rate.max()),
         }
 
-    def left(self, plain: Tracking) -> tuple[float, float]:
+    def left(self, plain: "Tracking") -> tuple[float, float]:
         """Return position and orientation error relative to another treatment, geometric means [-].
 
         Errors are averaged over frictions before they are compared, so that one that happens to be
@@ -88,7 +86,7 @@ class Tracking:
         ratio = np.concatenate([np.log(x.mean(axis=0) / y.mean(axis=0)) for x, y in pairs])
         return float(np.exp(ratio[:, 0].mean())), float(np.exp(ratio[:, 1].mean()))
 
-    def by_friction(self, plain: Tracking) -> dict[str, Array]:
+    def by_friction(self, plain: "Tracking") -> dict[str, Array]:
         """Return errors relative to another treatment per friction, geometric means (F,) [-].
 
         ``position`` and ``orientation`` are over all goals; ``resting_…`` at the last goal of each

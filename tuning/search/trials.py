@@ -1,7 +1,5 @@
 """Trials of a search as tables: all of them, the best one, the Pareto front."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 

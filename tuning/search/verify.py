@@ -3,8 +3,6 @@
 Finished measurements are kept in the run's folder, so that an interrupted one goes on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

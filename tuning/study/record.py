@@ -8,8 +8,6 @@ that was killed therefore starts again with its last batch: trials, values and o
 run that was never stopped.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack

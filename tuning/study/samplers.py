@@ -1,7 +1,5 @@
 """Samplers by name; their draws come from (seed, trial number)."""
 
-from __future__ import annotations
-
 import itertools
 import warnings
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Storage of studies: a SQLite file, or a database that machines share."""
 
-from __future__ import annotations
-
 import fcntl
 import warnings
 from collections.abc import Iterator

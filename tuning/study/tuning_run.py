@@ -1,7 +1,5 @@
 """One run of the tuner: its output folder, its studies, and what tells it from another run."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

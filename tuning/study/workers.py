@@ -7,8 +7,6 @@ Others may then still run a trial each, so a study may hold a few more. Which se
 tries depends on the timing of the workers; only `record.run` is exact.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections.abc import Callable, Sequence

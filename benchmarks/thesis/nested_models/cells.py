@@ -1,7 +1,5 @@
 """Cells of the thesis's tables, which of them may be fitted, and how a prediction is scored."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

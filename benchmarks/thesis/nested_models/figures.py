@@ -1,7 +1,5 @@
 """Pictures of the page: all models, and each joint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

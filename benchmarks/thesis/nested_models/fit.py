@@ -1,7 +1,5 @@
 """Fits a joint's parameters to its dithered torques, and carries them over to the whole arm."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

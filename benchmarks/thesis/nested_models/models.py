@@ -4,8 +4,6 @@ Every model is fitted to Tables 4.3 and 4.6 only and scored on 4.7, 4.8 and 4.10
 down as they are done, so that an interrupted run goes on where it was.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

@@ -5,8 +5,6 @@
 Numbers are in per cent of the base torque unless a table says otherwise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What nested models say, as numbers: errors, gains by joint, ranges of parameters, residuals."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Laws of friction compensation, a file each, by their names in `control.COMPENSATIONS`."""
 
-from __future__ import annotations
-
 from importlib import import_module
 
 from stiction_envs.control import COMPENSATIONS

@@ -4,8 +4,6 @@ A law is one file with a `Law`, its ``LAW``, and a name in `control.COMPENSATION
 calls a law by the address of its compiled torque, and so is the same for every law.
 """
 
-from __future__ import annotations
-
 import abc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -108,7 +106,7 @@ class Law(abc.ABC):
         """The compiled `torque`; its ``address`` is that of `law_torque`."""
         return as_c_function(_TORQUE, self.torque)
 
-    def __reduce__(self) -> tuple[type[Law], tuple[()]]:
+    def __reduce__(self) -> tuple[type["Law"], tuple[()]]:
         return type(self), ()  # machine code stays in its process
 
 

@@ -10,8 +10,6 @@ On the Panda's paths q̇_d has the sign of the joints' speed in 90 to 99 % of al
 they move, except for joint 4 of the triangle; M⁻¹ Jᵀ Λ ẋ_d instead of J^# ẋ_d gives the same.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

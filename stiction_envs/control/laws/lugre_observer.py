@@ -11,8 +11,6 @@ sliding exceeds. Over a cycle the speed is taken as constant and ẑ follows exa
 own bristle does (`friction.lone_joint`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import ClassVar
 

@@ -14,8 +14,6 @@ Whoever pushes the arm is a disturbance too, up to g: this observer has no torqu
 friction, which those two papers have, and cannot tell a hand from friction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import ClassVar
 

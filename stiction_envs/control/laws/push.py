@@ -15,8 +15,6 @@ the robot responds late. The Panda hunts at w = 0.00005 rad from the breakaway t
 0.0005 rad it does not hunt even at four times that torque.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 

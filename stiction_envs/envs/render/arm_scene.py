@@ -1,7 +1,5 @@
 """An arm on a floor, and shapes that are drawn into its scene."""
 
-from __future__ import annotations
-
 import os
 import warnings
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """MuJoCo's viewer with a sticking arm: keys push a joint and switch its dither."""
 
-from __future__ import annotations
-
 import queue
 import sys
 import time

@@ -1,7 +1,5 @@
 """A window with MuJoCo's viewer."""
 
-from __future__ import annotations
-
 import os
 import sys
 import threading

@@ -1,7 +1,5 @@
 """Physics engines in which an arm may stick: a registry, one file each."""
 
-from __future__ import annotations
-
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.engines.base import Bare, Drive, Engine, MuJoCo, Refused
 from stiction_envs.experiments.engines.mjx import Mjx

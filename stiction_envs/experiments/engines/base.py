@@ -3,8 +3,6 @@
 Another engine than MuJoCo is one file and one line in this package's ``__init__.py``.
 """
 
-from __future__ import annotations
-
 import abc
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """MJX, MuJoCo in JAX: the engine of MuJoCo Playground and Brax."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Iterator
 from typing import ClassVar

@@ -4,8 +4,6 @@ The plant steps all together that are not over: those that `step` is not asked a
 which is only seen where they are stepped later.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import lcm

@@ -6,8 +6,6 @@ print(errors)
 errors.save("runs/triangle")
 """
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 from collections.abc import Callable, Mapping, Sequence

@@ -7,8 +7,6 @@ Arms are independent of each other, so each takes all control steps of a block b
 state stays in the processor's cache.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import mujoco

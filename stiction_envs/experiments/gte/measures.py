@@ -15,8 +15,6 @@ An experiment feeds a whole run at once, the environment one step at a time. Eve
 sample by sample, arm by arm: the same bits however samples are cut into blocks.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.arrays import Array, Index

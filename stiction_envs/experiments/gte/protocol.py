@@ -1,7 +1,5 @@
 """The protocol of the Generated Trajectory Experiment, its trials and their results."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -52,7 +50,7 @@ class GTEProtocol:
         if self.tail < self.window:
             raise StictionError(f"protocol tail: {self.tail} s ends before the window does")
 
-    def replace(self, **changes: float) -> GTEProtocol:
+    def replace(self, **changes: float) -> "GTEProtocol":
         """Return a copy with some numbers changed; raise for an unknown name or a bad number."""
         return override(self, changes)
 

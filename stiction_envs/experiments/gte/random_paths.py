@@ -6,8 +6,6 @@ own, whose seed is k. A path that the arm cannot follow is drawn again: the inve
 point to point, must reach every point of every line, far from joint limits and singular poses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Tracking errors of a Generated Trajectory Experiment: tables, plots, a line per axis."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

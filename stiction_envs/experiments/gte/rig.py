@@ -5,8 +5,6 @@
 The two are separate calls, so that some simulations can be brought back while others wait.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial

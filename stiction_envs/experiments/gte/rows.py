@@ -1,7 +1,5 @@
 """Runs of the Generated Trajectory Experiment as table rows; the thesis's settings."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass

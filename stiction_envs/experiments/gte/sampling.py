@@ -6,8 +6,6 @@ Vibration is of the position and of the orientation: turns of the hand, added up
 to control step and multiplied by a lever [m], go through the same high-pass as the position.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Undithered runs of the Generated Trajectory Experiment, computed once: units of the rewards."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from dataclasses import dataclass
 

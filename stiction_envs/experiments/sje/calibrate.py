@@ -11,8 +11,6 @@ found: simulate the experiment, compare half-sums and half-differences, correct,
 with the friction the arm has, or with the table's where that is far off.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass

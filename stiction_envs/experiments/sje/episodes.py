@@ -1,7 +1,5 @@
 """Episodes of the Single Joint Experiment: one is one ramp of one configuration."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

@@ -6,8 +6,6 @@ print(base)
 base.save("runs/base")
 """
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 from collections import deque
@@ -293,7 +291,7 @@ class SingleJointExperiment(Experiment):
             if again:
                 self._begin(rig, np.array(again), logs)
 
-    def _begin(self, rig: SJERig, ids: Index, logs: dict[int, RampLog]) -> None:
+    def _begin(self, rig: SJERig, ids: Index, logs: dict[int, "RampLog"]) -> None:
         jobs = [logs[int(i)].job for i in ids]
         keys = [
             (*j.configuration.index, len(logs[int(i)].ramps), j.replica)
@@ -311,7 +309,7 @@ class SingleJointExperiment(Experiment):
         )
 
     @staticmethod
-    def _trace(rig: SJERig, busy: Index, ended: Index, logs: dict[int, RampLog]) -> None:
+    def _trace(rig: SJERig, busy: Index, ended: Index, logs: dict[int, "RampLog"]) -> None:
         ramping = np.concatenate([busy[rig.stage[busy] == RAMP], ended])
         if not len(ramping):
             return

@@ -5,8 +5,6 @@ The commanded torque (dither excluded) runs to the right, counted along the ramp
 the positive direction, cold ones the negative.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from typing import Literal

@@ -1,7 +1,5 @@
 """Numbers, configurations, jobs and results of the Single Joint Experiment."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,7 +37,7 @@ class Protocol(Approach):
     give_up_factor: NotNegative  # A ramp ends as stuck at this multiple of stiction plus offset [-]
     torque_noise: NotNegative  # Standard deviation of a torque reading [N·m]
 
-    def replace(self, **changes: float) -> Protocol:
+    def replace(self, **changes: float) -> "Protocol":
         """Return a copy with some numbers changed; raise for an unknown name or a bad number."""
         return override(self, changes)
 
@@ -122,7 +120,7 @@ class Job:
     replica: int = 0  # Repeats of the same job with scatter of their own
 
     @classmethod
-    def of(cls, configuration: Configuration, row: AmplitudeRow) -> Job:
+    def of(cls, configuration: Configuration, row: AmplitudeRow) -> "Job":
         """Return a configuration with the dither of its joint, or without where that has none."""
         if row.amplitude_nm == 0:
             return cls(configuration)

@@ -9,8 +9,6 @@ The other joints are held where they are, as in the Single Joint Experiment. Whe
 moved by that experiment's threshold it has let go: the push ends, and friction brings it to rest.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Breakaway torques of a Single Joint Experiment: table rows, plots, a line per configuration."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass

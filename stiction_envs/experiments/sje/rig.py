@@ -6,8 +6,6 @@
 Friction is never reset between one ramp and the next: the arm is moved back (thesis 3.2).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ not run away, it follows: its breakaway torque is the largest that the servo put
 gravity until it has moved by the threshold, averaged over the dither.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Base torques of an experiment, computed once: units of the rewards."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from stiction_envs.errors import StictionError

@@ -17,8 +17,6 @@ instance. Nothing else names it:
 8. its traits: flags that tell the search how to treat it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar

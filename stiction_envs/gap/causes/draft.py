@@ -6,8 +6,6 @@
 Friction quantities are those of `FrictionParameters`, before they are made physical.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -78,7 +76,7 @@ class ModelDraft:
     @classmethod
     def of(
         cls, base: FrictionParameters | None, n: int, *, mean_load: Array, duration: float
-    ) -> ModelDraft:
+    ) -> "ModelDraft":
         """Return the draft of a nominal model without causes.
 
         Args:

@@ -1,7 +1,5 @@
 """Causes by name: those of the package, and those that others register."""
 
-from __future__ import annotations
-
 import re
 
 from stiction_envs.errors import StictionError

@@ -1,7 +1,5 @@
 """Least squares within bounds."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.linalg.lapack import dposv
 from scipy.optimize import lsq_linear

@@ -1,7 +1,5 @@
 """What the judge says: named causes, how sure it is, who takes how much, what was not shown."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping

@@ -7,8 +7,6 @@ yᵀWy (C. Bishop, "Pattern Recognition and Machine Learning", 2006, 3.5). Bound
 the evidence of a model on a bound is that of Laplace's approximation at the bounded maximum.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -76,7 +74,7 @@ class Channel:
         """Return the columns (k, T) that were added together for coefficients ``at`` (k,)."""
         return self._blocks[int(at[0])]
 
-    def only(self, numbers: Index) -> Channel:
+    def only(self, numbers: Index) -> "Channel":
         """Return the channel with the columns of some coefficients alone."""
         out, some = copy.copy(self), set(numbers.tolist())
         out._blocks = {first: x for first, x in self._blocks.items() if first in some}

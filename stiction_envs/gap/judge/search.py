@@ -4,8 +4,6 @@ Every step changes the model by what raises its score most, and lets the noise b
 leaves; the search ends when no step helps. It is greedy, so it starts from several models.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar

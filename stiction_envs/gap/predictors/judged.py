@@ -5,8 +5,6 @@ parameters are best proposed in what the rest of a model leaves. So the search i
 columns as they are given the model of the round before, until its causes stay.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -1,7 +1,5 @@
 """What is said of a model of joint logs: causes, who takes how much, what is not shown."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

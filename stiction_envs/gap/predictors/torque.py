@@ -9,8 +9,6 @@ clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyo
 observations share one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 
@@ -79,7 +77,7 @@ class TorquePredictor:
         data: Data,
         causes: Sequence[Cause],
         found: Mapping[Term, Array] | None = None,
-        before: TorquePredictor | None = None,
+        before: "TorquePredictor | None" = None,
     ) -> None:
         """Compute all columns; nonlinear causes choose the parameters to try.
 

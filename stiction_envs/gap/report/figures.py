@@ -1,7 +1,5 @@
 """Pictures of a diagnosis: error of each joint, each cause against what shows it, each joint."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Texts and tables of a report, of any kind of data."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

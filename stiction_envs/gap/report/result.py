@@ -1,7 +1,5 @@
 """A diagnosis of any kind of data, and the files that are written of it."""
 
-from __future__ import annotations
-
 import abc
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Results of each kind of data: joint logs, servo logs and torque tables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

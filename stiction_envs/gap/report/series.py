@@ -1,7 +1,5 @@
 """Series over time of a diagnosis, `series.csv`: measurement, both models, and each cause."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass

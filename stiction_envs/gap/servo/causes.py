@@ -4,8 +4,6 @@ Those that joint logs show too are in `gap.causes`. Other packages add a cause b
 field `servo` says which parameters of a joint it changes.
 """
 
-from __future__ import annotations
-
 from stiction_envs.gap.causes import Cause, Parameter, cause_named, register
 from stiction_envs.gap.causes.registry import IN_SERVO, registered
 from stiction_envs.gap.servo.servo_parameters import INDEX, InServo

@@ -1,7 +1,5 @@
 """Findings of servo logs: causes by name with their parameters, and the verdict."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace

@@ -10,8 +10,6 @@ burst of errors (a joint that sticks and slips) is one block of many: what takes
 the logarithm of its size only.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -147,7 +145,7 @@ class Coordinates:
         """(F,) highest z."""
         return self._z(self.highest)
 
-    def fixed(self, number: int) -> Coordinates:
+    def fixed(self, number: int) -> "Coordinates":
         """Return the coordinates without one parameter, if it is free."""
         kept = self.at != number
         return replace(self, at=self.at[kept], centre=self.centre[kept], size=self.size[kept])

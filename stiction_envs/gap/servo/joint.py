@@ -5,8 +5,6 @@ bristle torque from the old deflection). It is used for *searches* only: every r
 simulated again by the plant with the whole arm.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,7 +84,7 @@ class JointMotion:
         )
         return out
 
-    def heads(self, lengths: Index) -> tuple[JointMotion, Bools]:
+    def heads(self, lengths: Index) -> tuple["JointMotion", Bools]:
         """Return the first rows of each segment, and whether each row (T,) is one of them.
 
         ``lengths`` (S,) of 0 leave a segment out.

@@ -4,8 +4,6 @@ A choice of causes is fitted from starts near it, and scored by Laplace's eviden
 search asks first (`gains`, `losses`) is promised by one simulation each.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

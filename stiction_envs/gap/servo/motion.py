@@ -3,8 +3,6 @@
 A joint in contact stands far from its command and stalls.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import mujoco

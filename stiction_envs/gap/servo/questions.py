@@ -1,7 +1,5 @@
 """Questions about each joint: knowledge of its servo, causes that its motion could show, notes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """From servo logs to named causes: each joint by itself, then the whole arm as it is reported."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -137,7 +135,9 @@ class _Joints:
         """(T,) rows without contact."""
         self.found: dict[int, JointFindings] = {}
 
-    def again(self, *, arm: Arm | None = None, motions: list[JointMotion] | None = None) -> _Joints:
+    def again(
+        self, *, arm: Arm | None = None, motions: list[JointMotion] | None = None
+    ) -> "_Joints":
         """Return joints and causes of another arm or other motions; errors last as long as here."""
         other = _Joints(self.logs, arm or self.arm, self.servo, self.workers, self.say, motions)
         other.lasts = {j: r.noise.last for j, r in self.found.items()}
@@ -290,7 +290,7 @@ class _Joints:
                 )
         return out
 
-    def lost(self, other: _Joints) -> Array:
+    def lost(self, other: "_Joints") -> Array:
         """Return (n,) error [rad] that a payload takes off; ``other`` are joints that carry it."""
         out = np.empty(self.n)
         for j, m in enumerate(self.chosen):

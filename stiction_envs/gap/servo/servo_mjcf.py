@@ -1,7 +1,5 @@
 """A diagnosed arm under position servos as plain MJCF and as ``model.toml``."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from pathlib import Path
 

@@ -7,8 +7,6 @@
 The log shows q + offset. A dead zone is taken off the error K multiplies.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal

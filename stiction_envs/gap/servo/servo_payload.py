@@ -6,8 +6,6 @@ lag, and links a little off as nuisances, proposes its mass and centre. It is na
 more to the evidence of the joints than its own four numbers cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

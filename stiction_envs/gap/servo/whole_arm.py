@@ -1,7 +1,5 @@
 """The whole arm under position servos, simulated by the plant along logs, and its errors."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import replace

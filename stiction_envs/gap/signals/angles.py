@@ -6,8 +6,6 @@ torques are fitted with each load, as in `loads`. The joint with the least Σ lo
 that is far below, and no other joint comes near.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

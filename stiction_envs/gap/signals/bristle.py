@@ -1,7 +1,5 @@
 """Dahl's bristle along the path of a joint: dry friction that lags its reversals."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.arrays import Array, Index

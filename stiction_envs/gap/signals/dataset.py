@@ -3,8 +3,6 @@
 A change makes a new `Data`; derived values stay with the old one.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -147,7 +145,7 @@ class Data:
 
     def carrying(
         self, torque: Array, gravity: tuple[float, ...] = (), arm: Arm | None = None
-    ) -> Data:
+    ) -> "Data":
         """Return data whose gears also transmit a torque (T, n) that ``nominal`` lacks [N·m].
 
         ``gravity`` becomes `gravity_found`; ``arm`` has the links as they were found, or None.
@@ -157,12 +155,12 @@ class Data:
         rigid = self.rigid + torque
         return replace(self, rigid=rigid, carried=carried, gravity_found=gravity, found=found)
 
-    def on(self, arm: Arm) -> Data:
+    def on(self, arm: Arm) -> "Data":
         """Return data of an arm with other bodies or gravity: the same motion and torque."""
         recording = replace(self.recording, arm=arm, pinocchio=arm.pinocchio())
         return replace(self, recording=recording)
 
-    def corrected(self, torque: Array, *, friction: bool, rotor: Array) -> Data:
+    def corrected(self, torque: Array, *, friction: bool, rotor: Array) -> "Data":
         """Return data whose nominal model has the causes of a diagnosis.
 
         Args:
@@ -190,7 +188,7 @@ class Data:
         """True if the nominal model has friction, so that it may also have too much."""
         return self.friction.in_nominal
 
-    def with_presliding(self, distance: Array) -> Data:
+    def with_presliding(self, distance: Array) -> "Data":
         """Return data whose dry friction builds up within distances (n,) [rad]."""
         return replace(self, friction=replace(self.friction, presliding_distance=distance))
 

@@ -6,8 +6,6 @@ would reverse there, and noise would change it at rest. The path therefore passe
 and turns back within the remaining noise are left out.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -7,8 +7,6 @@ A joint at rest can hold any torque inside its friction band. Repeated poses sho
 poses differ only by noise and friction.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,7 +50,7 @@ class FrictionState:
     """Whether the nominal model has friction, so that it may also have too much."""
 
     @classmethod
-    def of(cls, friction: FrictionParameters) -> FrictionState:
+    def of(cls, friction: FrictionParameters) -> "FrictionState":
         """Return the state for a nominal model with friction."""
         # the bristles' own damping, σ1 = 2ζ√(σ0 J) of the rotor, leads at reversals
         rotor, stiffness = friction.rotor_inertia, friction.bristle_stiffness
@@ -65,7 +63,7 @@ class FrictionState:
         )
 
     @classmethod
-    def unknown(cls, recording: Recording) -> FrictionState:
+    def unknown(cls, recording: Recording) -> "FrictionState":
         """Return the state for an arm without friction; its file may state rotors."""
         none = np.zeros(recording.n)
         in_front = recording.torque == "motor"  # behind the gear no rotor is seen

@@ -16,8 +16,6 @@ Offsets have a prior, so that a load that is only held shows its sign too. The e
 correlated: rows within `APART` count as one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -15,8 +15,6 @@ The cutoff comes from the spectra, each of which stops falling where noise takes
   inertial torque has it, and a delay or a spring would be named because it smooths that torque.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property

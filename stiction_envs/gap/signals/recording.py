@@ -1,7 +1,5 @@
 """Measured data: signals of all logs in one piece, and what follows from them alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property

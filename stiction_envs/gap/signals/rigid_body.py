@@ -1,7 +1,5 @@
 """Torques of a rigid arm along a motion (pinocchio), and of what its file hangs on the joints."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -6,8 +6,6 @@ not. A pause that is long enough for a gear to cool down begins another session.
 may belong to a session whose first logs were diagnosed before.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

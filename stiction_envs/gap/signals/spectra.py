@@ -7,8 +7,6 @@ are equal has the least mean square error (Wiener, "Extrapolation, Interpolation
 Stationary Time Series", 1949).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 

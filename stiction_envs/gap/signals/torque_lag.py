@@ -14,8 +14,6 @@ A lag that an earlier diagnosis of the robot found is undone without a search, u
 that these torques do not have it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Torques of another sign or unit are corrected, dead channels left out: by `loads`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

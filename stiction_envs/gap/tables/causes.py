@@ -4,8 +4,6 @@
 add a cause by `register`; `gap.causes.base.Cause` says how, and `SimulatedCause` does most of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import ClassVar

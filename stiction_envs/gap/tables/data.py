@@ -1,7 +1,5 @@
 """Torque tables read and as arrays, the whole arm that is simulated, and what causes change."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass

@@ -6,8 +6,6 @@ lone joint predict changes from there:
     W(x) ≈ W(x₀) + lone(x) − lone(x₀)
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

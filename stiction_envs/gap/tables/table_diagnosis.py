@@ -10,8 +10,6 @@
 `gap.tables.table_search` names causes by the evidence of the model with them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

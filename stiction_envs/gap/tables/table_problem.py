@@ -7,8 +7,6 @@ has large errors, and pays for that. A joint has few readings, so sizes are chos
 model that is compared.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -69,7 +67,7 @@ class TableProblem(Problem):
     """Numbers of each joint's sizes of the errors; () where each model has the likeliest."""
     _known: dict[tuple[int, tuple[int, ...]], Array] = field(default_factory=dict)
 
-    def on(self, channels: Sequence[Cells], sizes: tuple[int, ...] = ()) -> TableProblem:
+    def on(self, channels: Sequence[Cells], sizes: tuple[int, ...] = ()) -> "TableProblem":
         """Return the same terms on other channels."""
         return replace(
             self, channels=list(channels), sizes=sizes, _scores={}, _fits={}, _known={}, _last=None

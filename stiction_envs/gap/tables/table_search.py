@@ -7,8 +7,6 @@ predictions (Gauss-Newton), the whole arm is simulated near them, the evidence i
 columns are those given these values.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence

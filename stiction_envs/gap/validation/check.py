@@ -16,8 +16,6 @@ larger by more than `HARM` than without it. A cause of several joints with the s
 judged on all of them together: it fails where Σ log((without² + noise²)/(with² + noise²)) < 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -10,8 +10,6 @@ Coefficients come from the blocks that are not simulated. A window in which one 
 unstable does not count. With too few windows the result is a reason.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Jobs of a rehearsal: causes to hide, their sizes, and whether a run found them."""
 
-from __future__ import annotations
-
 from dataclasses import KW_ONLY, dataclass
 from typing import Any, TypedDict
 

@@ -1,7 +1,5 @@
 """The result of a rehearsal: causes that a recording can show, and result files."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 

@@ -14,8 +14,6 @@ smaller one where it was found, or a larger one where not. Refinements of dry fr
 dry friction, as much as the log shows, which a rigid nominal model lacks: that is to be named too.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import zlib

@@ -6,8 +6,6 @@ the log, and where its angles are younger than their stamps (a negative delay), 
 Servos of unknown stiffness and damping have what the diagnosis found, and are then named rightly.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

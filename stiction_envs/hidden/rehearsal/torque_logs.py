@@ -8,8 +8,6 @@ that diagnosis leaves (`surrogate`): it has the spectrum of each joint and the c
 joints.
 """
 
-from __future__ import annotations
-
 import copy
 from dataclasses import fields, replace
 

@@ -1,7 +1,5 @@
 """`check`: defects in files of measurements, torque tables and joint logs."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Checks of a log by itself: units, stuck channels, speeds that lag, commanded angles."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.signal import butter, csd, sosfiltfilt, welch
 

@@ -3,8 +3,6 @@
 Angles in steps of the encoder, and joints that rest while their command moves, are no defects.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.errors import StictionError

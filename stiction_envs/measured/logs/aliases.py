@@ -5,8 +5,6 @@ and the unit *deg*. Words such as *target* make a quantity a command; what is le
 The reader reports each column that it reads under another name or in another unit.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -15,8 +15,6 @@ Stamps that are whole steps may be a mere count of rows: samples that were lost,
 no mark in the stamps, but the angles jump. The samples that the motion shows are then added.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

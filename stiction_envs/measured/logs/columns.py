@@ -1,7 +1,5 @@
 """Find the channels of a robot among the columns of a joint log."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

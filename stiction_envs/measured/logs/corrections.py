@@ -6,8 +6,6 @@ missing value is interpolated if its neighbours are there. A robot at rest repea
 repeat counts only where the changes around it show that it cannot be chance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Read joint logs of any kind of file into arrays, as they are."""
 
-from __future__ import annotations
-
 import os
 import stat
 from dataclasses import replace

@@ -9,8 +9,6 @@ rad/s, N·m, any unit]. Its rows that repeat the one before are kept: encoders h
 joints that stick rest.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Logs of a robot after corrections: joint logs with torques, servo logs with commands."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import ClassVar

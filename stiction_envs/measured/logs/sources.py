@@ -1,7 +1,5 @@
 """Logs that a result was made from: files, or logs in memory."""
 
-from __future__ import annotations
-
 import hashlib
 import warnings
 from collections.abc import Sequence

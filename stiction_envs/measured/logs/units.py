@@ -7,8 +7,6 @@ a gripper, and degrees as 360/4095 of a step; zero is the middle of the range, o
 Source: lerobot, motors/motors_bus.py (`_normalize`) and its calibration files.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Mapping, Sequence

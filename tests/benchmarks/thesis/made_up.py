@@ -1,7 +1,5 @@
 """Made-up measurements and paths for tests, not simulated."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections import defaultdict
 

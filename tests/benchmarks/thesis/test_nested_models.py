@@ -1,7 +1,5 @@
 """Scores and page of nested models, for models with known errors."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

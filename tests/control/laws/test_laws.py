@@ -1,7 +1,5 @@
 """Laws of friction compensation: their formulas, and joints whose friction they take away."""
 
-from __future__ import annotations
-
 import ctypes
 
 import numpy as np

@@ -1,7 +1,5 @@
 """MuJoCo's viewer on a pushed arm: keys, messages, simulated time."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 

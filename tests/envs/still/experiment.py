@@ -1,7 +1,5 @@
 """An arm is held at rest by servos and dithered; the reward is how little it moves."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

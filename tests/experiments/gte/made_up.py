@@ -1,7 +1,5 @@
 """A made-up run of the Generated Trajectory Experiment, with simple numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run

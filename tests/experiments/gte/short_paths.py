@@ -1,7 +1,5 @@
 """Experiments of short paths, with friction whose limit cases can be worked out."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

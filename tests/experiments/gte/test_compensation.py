@@ -1,7 +1,5 @@
 """Friction compensation in the Generated Trajectory Experiment: limit cases, bits, own friction."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

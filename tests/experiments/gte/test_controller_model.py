@@ -1,7 +1,5 @@
 """The controller's model of the dynamics is MuJoCo's of the arm that it has."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """The Generated Trajectory Experiment as a whole: limit cases that can be worked out, same bits."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

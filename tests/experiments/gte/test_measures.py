@@ -1,7 +1,5 @@
 """Measures of a run, on runs with known numbers."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

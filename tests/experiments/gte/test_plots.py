@@ -1,7 +1,5 @@
 """Plots of the Generated Trajectory Experiment."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Numbered random paths: the same for an arm whoever asks, and such that it can follow."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

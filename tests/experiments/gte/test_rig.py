@@ -1,7 +1,5 @@
 """Arms on paths, control step by control step: the same bits in one compiled call or many."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Logs of runs, on arms with known motion."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

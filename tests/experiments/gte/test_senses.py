@@ -1,7 +1,5 @@
 """The impedance controller's measurements of arms on paths, and the delay of its commands."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Which point and frame are controlled and measured, and where the arm starts."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """The thesis's Table 4.3 is met, by a routine that anyone can run on their own table."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The Single Joint Experiment: its protocol, its results. Thesis 3.2."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import mujoco

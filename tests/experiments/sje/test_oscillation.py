@@ -1,7 +1,5 @@
 """Oscillation of a joint: limit cases with known answers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A pushed joint holds, then breaks away; with dither it breaks away earlier."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The measured angle that ends a Single Joint Experiment, and the delay of commands."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Every cause: its interface, and its columns against the physical law."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Torques logged without gravity, against gains, bodies and poses that look like them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rotors of any size are found: on the joints of a KR 300 they have 600 to 850 kg·m²."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

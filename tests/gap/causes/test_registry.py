@@ -1,7 +1,5 @@
 """Causes by name: what is registered is known, what is not is refused in one line."""
 
-from __future__ import annotations
-
 import pytest
 
 from stiction_envs.errors import StictionError

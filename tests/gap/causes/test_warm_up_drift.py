@@ -1,7 +1,5 @@
 """Friction that drifts over several logs: of one session, or each from cold."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Judgements, as ``diagnosis.json`` holds them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from stiction_envs.gap.judge.judgement import Estimate, Judgement, NamedCause, NotShown

@@ -1,7 +1,5 @@
 """The equations of joint logs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stiction_envs.gap.causes import CAUSES

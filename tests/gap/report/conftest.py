@@ -1,7 +1,5 @@
 """One diagnosis of each kind of log."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The report's first screen: one table of causes, who takes how much, what was not shown."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Series of a diagnosis, on one clock, as CSV and as pictures."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """An arm of two links under gravity, and motions of one joint, for fast tests."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Servo logs of one leg of a robot whose base floats in its file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

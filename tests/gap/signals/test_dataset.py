@@ -1,7 +1,5 @@
 """A recording's noise floor, and its blocks of time that are held out together."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The low-pass of all signals, and the path of a joint behind noise and overshoot."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

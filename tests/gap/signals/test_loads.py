@@ -1,7 +1,5 @@
 """What the torques of a log say about its mounting, signs and sensors, on an arm of any size."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

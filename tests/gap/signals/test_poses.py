@@ -1,7 +1,5 @@
 """Poses at rest: each is alone, friction scatters them, and gravity's causes are found in them."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

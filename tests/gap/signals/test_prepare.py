@@ -1,7 +1,5 @@
 """Signals from logs whose truth is known: sines, and motions with friction and noise."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

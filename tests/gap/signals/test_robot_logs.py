@@ -1,7 +1,5 @@
 """Logs of real robots, and logs made with all their defects: torques and signals made of them."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """When logs were recorded, as far as their clocks say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

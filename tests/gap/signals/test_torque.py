@@ -1,7 +1,5 @@
 """Torque channels that are turned round or late: seen beyond doubt and undone, or left alone."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -4,8 +4,6 @@ The whole arm runs the thesis's experiment, with scatter and measurement noise o
 after its true model was changed. Shares nothing with the diagnosis but the experiment itself.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from functools import lru_cache
@@ -68,7 +66,7 @@ class Truth:
     corrupted: tuple[str, str, float, float] | None = None
     """Pose, direction, frequency and scale of the one bad reading: 6 % of the torque is left."""
 
-    def at(self, joint: int) -> Truth:
+    def at(self, joint: int) -> "Truth":
         """Return what of it concerns a joint."""
         return self if self.joint in (0, joint) else Truth()
 

@@ -1,7 +1,5 @@
 """Causes of torque tables, put into friction: the inverse of `hidden_tables`."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torque tables as files: what `diagnose` is given, and a hidden rotor found through them."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 

@@ -1,7 +1,5 @@
 """A table cause of somebody else's: one class and one call, and it works everywhere."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

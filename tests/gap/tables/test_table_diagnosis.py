@@ -4,8 +4,6 @@ Truths are simulated by `hidden_tables` with the whole arm, scatter and noise. W
 that such tables cannot tell two causes apart, `confused_with` must name the other one.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

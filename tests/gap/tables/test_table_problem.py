@@ -1,7 +1,5 @@
 """Evidence of torque tables against the Gaussian density."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal

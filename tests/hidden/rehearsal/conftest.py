@@ -1,7 +1,5 @@
 """A log of a small arm, and what a rehearsal makes of it."""
 
-from __future__ import annotations
-
 import pytest
 
 from stiction_envs.hidden.rehearsal.torque_logs import TorqueLogs

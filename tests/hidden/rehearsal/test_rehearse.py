@@ -1,7 +1,5 @@
 """Would it be found? Verdicts, what cannot be shown, files, and going on after an interruption."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

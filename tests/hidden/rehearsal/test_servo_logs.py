@@ -1,7 +1,5 @@
 """Servo logs in which causes are hidden: sizes, noise, what is found, and its files."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import replace
 

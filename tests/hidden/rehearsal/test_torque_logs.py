@@ -1,7 +1,5 @@
 """Each law along a given motion: limit cases, sizes, and what another engine says."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

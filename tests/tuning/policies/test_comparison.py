@@ -1,7 +1,5 @@
 """Policies on the same episodes."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A policy's numbers: what it does, and files that strangers made."""
 
-from __future__ import annotations
-
 import json
 import zipfile
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Training: the same bits for a seed, and on from the last checkpoint after an interruption."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A joint with made-up settings, for tests that need no simulation; tables of made-up robots."""
 
-from __future__ import annotations
-
 import csv
 
 import numpy as np

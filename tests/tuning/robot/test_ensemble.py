@@ -1,7 +1,5 @@
 """Frictions under which settings are tried, and what readings say about them."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

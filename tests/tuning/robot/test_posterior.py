@@ -1,7 +1,5 @@
 """Posterior of the settings, and which setting is measured next."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

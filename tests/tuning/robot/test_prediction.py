@@ -1,7 +1,5 @@
 """Candidates from bounds and a displacement limit, with physics worked out by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ask, measure, tell on an arm of two joints; the measured robot is not the simulated one."""
 
-from __future__ import annotations
-
 import shutil
 
 import pytest

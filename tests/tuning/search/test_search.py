@@ -1,7 +1,5 @@
 """The whole search on a small arm: its result, its files, and how it continues."""
 
-from __future__ import annotations
-
 import pytest
 
 from stiction_envs.control.compensation_files import read_compensation

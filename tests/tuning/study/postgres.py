@@ -1,7 +1,5 @@
 """A real PostgreSQL on loopback, from a wheel that carries its programs."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import socket

@@ -1,7 +1,5 @@
 """Cheap searches with every sampler, for the tests of the record; a process can import it alone."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import sqlite3

@@ -1,7 +1,5 @@
 """The record of a search: the same bits, however often its process is killed."""
 
-from __future__ import annotations
-
 import itertools
 import random
 

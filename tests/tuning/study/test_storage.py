@@ -1,7 +1,5 @@
 """Storages that cannot be opened say so in one line, without the password, and stay as they are."""
 
-from __future__ import annotations
-
 import dataclasses
 import socket
 import sys

@@ -1,7 +1,5 @@
 """Many machines, one study: no setting of a grid is lost when workers die, and budgets are met."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

@@ -1,7 +1,5 @@
 """A base that leans: gravity has a part along the base's x and y."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

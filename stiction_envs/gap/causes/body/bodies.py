@@ -12,8 +12,6 @@ positive definite. Two families of four parameters each keep it so:
 Parameters that the motion does not excite stay at the nominal, or at the sphere's.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import xml.etree.ElementTree as ET
 

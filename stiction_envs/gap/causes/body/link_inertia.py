@@ -1,7 +1,5 @@
 """Inertia that is missing or wrong on a joint's own axis: τ = ΔJ q̈, ΔJ in `armature_kgm2`."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mass and centre of a link, as far as torques show them."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -4,8 +4,6 @@ Random effects: in every model, with a prior, and never named. A cause is named 
 them.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A body on the flange that the model lacks, or that only the model has: mass and centre."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

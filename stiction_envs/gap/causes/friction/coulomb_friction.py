@@ -1,7 +1,5 @@
 """Dry friction that is missing or wrong: τ = F_c sign(q̇), F_c in `coulomb_nm`."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Dry friction that differs by direction: F_+ − F_− = 2a, so that τ = a while the joint moves."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import ClassVar

@@ -1,7 +1,5 @@
 """Dry friction that grows with the transmitted torque: τ = k |τ_load| sign(q̇)."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -4,8 +4,6 @@ A gear's or motor's ripple pushes the same way in both directions; friction that
 with the motion: τ = a sin(k q + φ) sign(q̇).
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

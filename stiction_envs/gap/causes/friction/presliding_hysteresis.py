@@ -3,8 +3,6 @@
 It is Dahl's law; with `stribeck_friction` or damping LuGre's.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -3,8 +3,6 @@
 `stiction_nm` is ΔF, what is added at rest to the level in motion.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

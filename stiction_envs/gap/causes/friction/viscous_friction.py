@@ -1,7 +1,5 @@
 """Friction that grows with speed: τ = F_v q̇, F_v in `viscous_nms`."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

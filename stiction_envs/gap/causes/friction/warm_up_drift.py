@@ -4,8 +4,6 @@ Logs of one session share the time t since it began; logs that are days apart ea
 Where the clocks allow both, both are tried, and the data choose.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

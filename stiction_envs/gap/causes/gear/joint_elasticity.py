@@ -1,7 +1,5 @@
 """A spring between motor and link: the link is τ/K behind the measured motor angle."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import ClassVar
 

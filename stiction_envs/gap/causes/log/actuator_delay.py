@@ -4,8 +4,6 @@
 or behind a filter.
 """
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Sequence
 from typing import ClassVar
@@ -57,7 +55,7 @@ class ActuatorDelay(Cause):
         """True if the delay shifts the torque of `acting_on`, not only the nominal torque."""
         return self._torque is not None
 
-    def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> ActuatorDelay:
+    def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> "ActuatorDelay":
         """Return a delay of a torque (T, n) [N·m] that also tries ``lengths`` [s]."""
         out = copy.copy(self)
         out._torque, out._further = torque, (*self._further, *lengths)

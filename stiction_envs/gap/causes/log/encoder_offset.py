@@ -6,8 +6,6 @@ the inverse dynamics τ(q, q̇, q̈). Once an offset is found, the column is its
 which is exact.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import xml.etree.ElementTree as ET
 from typing import ClassVar

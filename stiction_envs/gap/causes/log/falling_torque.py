@@ -4,8 +4,6 @@ A drive that compensates friction by itself logs less torque the faster a joint 
 cannot do so: it would drive the joint.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable

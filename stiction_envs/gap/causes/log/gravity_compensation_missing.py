@@ -5,8 +5,6 @@ what the motors do (Franka's ``tau_J_d`` has no gravity, ``tau_J`` has all of it
 is the gravity of the controller's model, which is taken to be the nominal one.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A constant torque bias, in logs and in torque tables."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 

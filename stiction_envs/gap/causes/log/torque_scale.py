@@ -1,7 +1,5 @@
 """A wrong torque gain: measured = s × true, so that the residual is (s − 1) times the torque."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

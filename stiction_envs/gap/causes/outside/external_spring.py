@@ -1,7 +1,5 @@
 """Something outside that pulls with position: τ = k (q − q_0)."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -11,8 +11,6 @@ The first harmonic is also what a wrong mass looks like on a joint that moves al
 joints that turn it against gravity distinguish the two.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -3,8 +3,6 @@
 Files may be hostile: every size is bounded before memory is taken, and nothing is unpickled.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

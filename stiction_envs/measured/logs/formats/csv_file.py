@@ -1,7 +1,5 @@
 """CSV text, gzip-compressed or not: our columns, or those of a robot's own log."""
 
-from __future__ import annotations
-
 import gzip
 import io
 import math

@@ -19,8 +19,6 @@ Sources: libfranka, src/log.cpp; franka_ros, franka_msgs/msg/FrankaState.msg; th
 rostopic echo -p.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

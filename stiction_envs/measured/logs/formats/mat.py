@@ -5,8 +5,6 @@ HDF5, by h5py (extra ``mat``). A matrix with a joint in each row is turned. Obje
 hold no plain numbers. Source: MathWorks, MAT-File Format (R2023a).
 """
 
-from __future__ import annotations
-
 import struct
 import zlib
 from collections.abc import Iterator

@@ -22,8 +22,6 @@ Sources: common_interfaces, franka_ros, franka_ros2, lbr_fri_ros2_stack (their .
 iiwa_ros, iiwa_driver/src/iiwa.cpp; control_msgs, JointTrajectoryControllerState.msg.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from contextlib import suppress

@@ -13,8 +13,6 @@ Source: PlotJuggler, its parser of ``JointState`` and its CSV exporter; control_
 JointTrajectoryControllerState.msg.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """All kinds of log files: those of the package, and those that others register."""
 
-from __future__ import annotations
-
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path

@@ -7,8 +7,6 @@ not read: their unit is the motor's. A gripper from 0 to 1 is a share of its ran
 Source: isaac-sim2real/sage, sage/real_so101/so101_lerobot_collector.py, sage/real_unitree.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import ClassVar
