@@ -17,12 +17,14 @@ from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, regis
 from stiction_envs.gap.causes.base import ALL_LINKS, LINK
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
+from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.judge.judgement import WIDTH, Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
+from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.links import LinkErrors, link_errors, root_of
 from stiction_envs.gap.model_file import Nominal, nominal_of
-from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, judge
+from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, judge, search_of
 from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -208,13 +210,23 @@ def diagnose_signals(
 
 
 def _gains(judged: Judged) -> tuple[Array, Bools]:
-    """Return (n,) gains of the joints' torques, and (n,) whether they are well known."""
+    """Return (n,) gains of the joints' torques, and (n,) whether they are well known.
+
+    A gain is not known where another cause may take its place, as a tool may that of all gains.
+    """
     predictor, terms, c = judged.predictor, judged.terms, judged.coefficients
     slopes = gains(predictor, terms, np.eye(len(c))) - 1
     covariance = predictor.problem.covariance(terms)
     width = WIDTH * np.sqrt(np.einsum("np,pq,nq->n", slopes, covariance, slopes))
     gain = gains(predictor, terms, c)
-    return gain, width < SURE * gain
+    known = width < SURE * gain
+    named, search = judged.model.terms, search_of(predictor)
+    for term in named:
+        if term.cause == TorqueScale.name and not term.shape:
+            rivals = [score for score, _ in search.rivals(named, [term])]
+            clear = max(rivals, default=-np.inf) < search.problem.score(named) - NAMED
+            known[slice(None) if term.joint == ARM else term.joint] &= clear
+    return gain, known
 
 
 def _conclude(

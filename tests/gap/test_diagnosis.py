@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.judge.search import Search
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.hidden.hidden_logs import HiddenLogs, make_case
 from tests.gap.small_logs import hidden, panda, sliding
@@ -133,3 +134,23 @@ def test_what_helps_little_is_listed_apart(slope, little) -> None:
     assert [c.name for c in found.minor] == ["viscous_friction"] * little
     listed = found.to_json()["minor"]
     assert [(x["name"], x["joints"]) for x in listed] == [("viscous_friction", [5])] * little
+
+
+@pytest.mark.parametrize("rivalled", [False, True])
+def test_torques_are_converted_only_by_a_gain_whose_place_nothing_takes(
+    monkeypatch, rivalled: bool
+) -> None:
+    """A tool may look like a gain of all torques, which then was "converted" away for good."""
+    names = ("torque_scale", "coulomb_friction")
+    log = hidden(panda(), lambda q, dq, ddq: sliding(q), noise=0.02)
+    usual = Search.rivals
+
+    def rivals(search, terms, mine, **options):
+        near = [(search.problem.score(terms) - 1.0, list(terms))]
+        return near if mine[0].cause == names[0] else usual(search, terms, mine, **options)
+
+    if rivalled:
+        monkeypatch.setattr(Search, "rivals", rivals)
+    some = [cause_named(x) for x in names]
+    found = diagnose_logs([replace(log, tau=0.5 * log.tau)], "panda", causes=some)
+    assert found.data.converted != rivalled
