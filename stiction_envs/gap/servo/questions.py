@@ -175,13 +175,10 @@ def _gravity(motions: Sequence[JointMotion]) -> Array:
     return np.array([np.abs(m.gravity).max() for m in motions])
 
 
-def sags(motion: JointMotion, resolution: float, stiffness: float | None) -> bool:
-    """Return whether a heavy joint sags so much that gravity scales its servo's torque.
-
-    A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
-    """
-    sag = sag_of(motion) if stiffness is None else 1 / stiffness
-    return bool(sag * np.sqrt(np.mean(motion.gravity**2)) > GRAVITY_SEEN * resolution)
+def sags(motion: JointMotion, resolution: float) -> bool:
+    """Return whether a heavy joint sags so much that gravity scales its unknown servo's torque."""
+    sag = sag_of(motion) * np.sqrt(np.mean(motion.gravity**2))
+    return bool(sag > GRAVITY_SEEN * resolution)
 
 
 def sag_of(motion: JointMotion) -> float:

@@ -116,11 +116,11 @@ class _Joints:
         self.noise = np.maximum(self.resolution / np.sqrt(12.0), rest)
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
         self.nominal = questions.nominal_parameters(servo, self.motions)
-        known = [None if servo.perfect else x for x in self.nominal[:, INDEX["stiffness"]]]
         self.heavy = questions.heavy(self.motions)
         self.scaled = [
-            bool(heavy) and questions.sags(*x)
-            for heavy, *x in zip(self.heavy, self.motions, self.resolution, known, strict=True)
+            # a servo of known stiffness shows gravity by a sag that is missing, too
+            bool(heavy) and (not servo.perfect or questions.sags(*x))
+            for heavy, *x in zip(self.heavy, self.motions, self.resolution, strict=True)
         ]
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])

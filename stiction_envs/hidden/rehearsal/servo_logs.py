@@ -89,8 +89,7 @@ class ServoLogs:
         """Return why a cause cannot show on a joint (from 0), or nothing."""
         name, motion, step = what.name, self.motions[j], float(self.resolution[j])
         perfect = self.servo.perfect
-        known = None if perfect else float(self.base[j, INDEX["stiffness"]])
-        scaled = heavy(self.motions)[j] and sags(motion, step, known)
+        scaled = bool(heavy(self.motions)[j]) and (not perfect or sags(motion, step))
         if perfect and name in ("servo_stiffness", "damping"):
             return "nobody said what it should be, so it is named as it is"
         if perfect and name in SAG_ALIKE:
