@@ -19,6 +19,7 @@ from stiction_envs.robots import Arm, load_arm
 from tests.gap.servo.small_arm import TWO_LINKS, held, two_links
 
 pytestmark = pytest.mark.slow
+STEP = 1.5e-3  # of the encoder [rad]
 
 
 def _hidden(
@@ -62,17 +63,23 @@ def test_hidden_causes_are_found_on_their_joints(
     assert set(h.hidden) <= _named(diagnose_servo([h.log], arm, h.servo, threads=2))
 
 
-def test_a_controller_that_compensates_all_gravity_is_no_stiff_servo(arm: Arm) -> None:
+@pytest.mark.parametrize("stiffer", [1.0, 20.0])
+def test_a_controller_that_compensates_all_gravity_is_no_stiff_servo(
+    arm: Arm, stiffer: float
+) -> None:
+    """Under the stiffer servos, gravity would sag joint 2 by less than the encoder's step."""
     h = _hidden(arm)
     parameters = np.tile(absent(), (arm.n, 1))
-    friction = 0.02 * h.stiffness
+    stiffness, damping = stiffer * h.stiffness, stiffer * h.damping
+    friction = 0.02 * stiffness
     for name, values in (
-        *(("stiffness", h.stiffness), ("damping", h.damping)),
+        *(("stiffness", stiffness), ("damping", damping)),
         *(("stiction", friction), ("compensation", 1.0)),
     ):
         parameters[:, INDEX[name]] = values
     q = simulate(arm, parameters, h.log.t, h.log.q_cmd, h.log.q[0])
-    d = diagnose_servo([replace(h.log, q=q)], arm, h.servo)
+    q = STEP * np.round(q / STEP)
+    d = diagnose_servo([replace(h.log, q=q)], arm, Servo(stiffness=stiffness, damping=damping))
     assert _named(d) == {
         (name, j) for name in ("gravity_compensation_missing", "coulomb_friction") for j in (1, 2)
     }
