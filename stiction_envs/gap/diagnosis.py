@@ -21,11 +21,10 @@ from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.judge.judgement import WIDTH, Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
-from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.links import LinkErrors, link_errors, root_of
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, judge, search_of
-from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
+from stiction_envs.gap.predictors.named import ALIKE, named_causes, not_shown, shares
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.loads import SURE
@@ -224,7 +223,7 @@ def _gains(judged: Judged) -> tuple[Array, Bools]:
     for term in named:
         if term.cause == TorqueScale.name and not term.shape:
             rivals = [score for score, _ in search.rivals(named, [term])]
-            clear = max(rivals, default=-np.inf) < search.problem.score(named) - NAMED
+            clear = max(rivals, default=-np.inf) <= search.problem.score(named) - ALIKE
             known[slice(None) if term.joint == ARM else term.joint] &= clear
     return gain, known
 

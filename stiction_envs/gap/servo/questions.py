@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.arrays import Array, Bools, Index, rms
 from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, InServo, absent
@@ -175,10 +175,19 @@ def _gravity(motions: Sequence[JointMotion]) -> Array:
     return np.array([np.abs(m.gravity).max() for m in motions])
 
 
-def sags(motion: JointMotion, resolution: float) -> bool:
-    """Return whether a heavy joint sags so much that gravity scales its unknown servo's torque."""
-    sag = sag_of(motion) * np.sqrt(np.mean(motion.gravity**2))
-    return bool(sag > GRAVITY_SEEN * resolution)
+def scaled(servo: Servo, motions: Sequence[JointMotion], resolution: Array) -> Bools:
+    """Return (n,) whether gravity scales each servo's torque; ``resolution`` as of `resolution_of`.
+
+    An unknown servo must sag by more than the angle's step; one of known stiffness shows gravity by
+    a sag that is missing, too.
+    """
+
+    def sags(motion: JointMotion, step: float) -> bool:
+        return bool(sag_of(motion) * rms(motion.gravity) > GRAVITY_SEEN * step)
+
+    known = not servo.perfect
+    each = zip(heavy(motions), motions, resolution, strict=True)
+    return np.array([bool(h) and (known or sags(m, step)) for h, m, step in each])
 
 
 def sag_of(motion: JointMotion) -> float:

@@ -117,11 +117,7 @@ class _Joints:
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
         self.nominal = questions.nominal_parameters(servo, self.motions)
         self.heavy = questions.heavy(self.motions)
-        self.scaled = [
-            # a servo of known stiffness shows gravity by a sag that is missing, too
-            bool(heavy) and (not servo.perfect or questions.sags(*x))
-            for heavy, *x in zip(self.heavy, self.motions, self.resolution, strict=True)
-        ]
+        self.scaled = questions.scaled(servo, self.motions, self.resolution)
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
         self.links = questions.links_off(arm, self.motions)

@@ -15,11 +15,10 @@ from stiction_envs.gap.servo.causes import ServoLag, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.questions import (
-    heavy,
     nominal_parameters,
     possible_causes,
     resolution_of,
-    sags,
+    scaled,
     unknown_damping,
 )
 from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis, diagnose_servo
@@ -89,14 +88,14 @@ class ServoLogs:
         """Return why a cause cannot show on a joint (from 0), or nothing."""
         name, motion, step = what.name, self.motions[j], float(self.resolution[j])
         perfect = self.servo.perfect
-        scaled = bool(heavy(self.motions)[j]) and (not perfect or sags(motion, step))
+        sagging = bool(scaled(self.servo, self.motions, self.resolution)[j])
         if perfect and name in ("servo_stiffness", "damping"):
             return "nobody said what it should be, so it is named as it is"
         if perfect and name in SAG_ALIKE:
             return "nobody said how stiff the servos are, and softer ones sag alike"
         if name == "damping" and unknown_damping(self.servo):
             return "nobody said what it should be, so it is fitted and not judged"
-        possible = possible_causes(self.servo, motion, step, scaled)
+        possible = possible_causes(self.servo, motion, step, sagging)
         if not possible:
             return f"joint {j + 1} hardly moves"
         if name in (*possible, "payload"):
