@@ -12,7 +12,12 @@ import numpy as np
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.friction.lone_joint import bristle_after
+from stiction_envs.gap.signals.filters import lowpass
 
+CUTOFF_HZ = 5.0
+"""Least bandwidth of speeds and accelerations of logged angles [Hz]; assumed."""
+SLOW = 0.02
+"""Speed at which dry friction is nearly its level [rad/s]; assumed."""
 STEP = 2e-3
 """Longest step [s]; twice the plant's, for speed: rows are 5 to 33 ms apart."""
 BRISTLE_DAMPING_RATIO = 0.4
@@ -61,6 +66,11 @@ class JointMotion:
     def since(self) -> Array:
         """(T,) time since the segment began [s]."""
         return self.t - self.t[self.bounds[self.segment]]
+
+    def smooth_speed(self) -> tuple[Array, Array]:
+        """Return (T,) speed below `CUTOFF_HZ` [rad/s], and the part of dry friction that acts."""
+        speed = np.gradient(lowpass(self.q, 1.0 / self.step, CUTOFF_HZ), self.t)
+        return speed, np.tanh(speed / SLOW)
 
     def rows_in(self, seconds: float) -> int:
         """Return how many rows a time lasts, at least one."""

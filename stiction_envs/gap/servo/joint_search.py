@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
+from stiction_envs.gap.judge.judgement import WIDTH
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
 from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
@@ -265,14 +266,23 @@ class JointProblem:
         without, best = (np.sqrt(np.mean(x.error[self.q.counts] ** 2)) for x in (rest, found))
         return float(without - best)
 
-    def lag(self, found: Mapping[str, Weighed], of: Fit) -> Fit | None:
+    def vague(self, causes: Iterable[str], of: Fit) -> list[str]:
+        """Return the causes of whose first parameter the interval contains the nominal value."""
+        off = (of.z - of.coordinates.z(self.q.nominal)) / np.sqrt(
+            np.diag(np.linalg.inv(of.precision))
+        )
+        first = {c: INDEX[next(iter(self.q.candidates[c].sizes))] for c in causes}
+        return [c for c, k in first.items() if np.abs(off[of.coordinates.at == k]) < WIDTH]
+
+    def lag(self, found: Mapping[str, Weighed], vague: Sequence[str], of: Fit) -> Fit | None:
         """Return the fit with all parts of the lag, where another part does for each that is found.
 
         Damping, armature and delay all make a joint late. A slow motion shows their sum, how late
-        the joint is, but not which of them it is.
+        the joint is, but not which of them it is: with the others beside it, a part is ``vague``.
         """
         parts = [c for c in LAG if c in found]
-        doubtful = [c for c in parts if any(x in LAG and n < NAMED for x, n in found[c].rivals)]
+        close = {c for c in parts if any(x in LAG and n < NAMED for x, n in found[c].rivals)}
+        doubtful = [c for c in parts if c in close or c in vague]
         more = [c for c in LAG if c in self.q.candidates]
         if not parts or doubtful != parts or "damping" not in more:
             return None
@@ -395,34 +405,47 @@ def judge(question: Question) -> JointFindings:
         if not poor or nats[poor] >= NAMED:
             break
         best = search.climb(rests[poor])
-    found = problem.best(best.terms)
-    weighed = {}
-    for term in best.terms:
-        offers = search.rivals(best.terms, [term], least=best.evidence - CLOSE)
-        rivals = sorted((best.evidence - score, model[-1].cause) for score, model in offers)
-        rest = problem.best(rests[term.cause])
-        weighed[term.cause] = Weighed(
-            nats=nats[term.cause],
-            rivals=tuple((cause, x) for x, cause in rivals),
-            lost=problem.lost([term.cause], rest, found),
-        )
-    lag, predicting = problem.lag(weighed, found), found
-    if weighed:
-        more = [name for name, part in question.candidates.items() if part.of_every_joint]
-        predicting = problem.fit({*weighed, *more}, [found.parameters], ROUGH)
+    terms = list(best.terms)
+    while True:
+        weighed = {t.cause: _weighed(problem, search, terms, t) for t in terms}
+        found = predicting = problem.best(terms)
+        if weighed:
+            more = [name for name, part in question.candidates.items() if part.of_every_joint]
+            predicting = problem.fit({*weighed, *more}, [found.parameters], ROUGH)
+        vague = problem.vague(weighed, predicting)
+        lag = problem.lag(weighed, vague, found)
+        gone = [t for t in terms if t.cause in vague and (lag is None or t.cause not in LAG)]
+        if not gone:
+            break
+        terms = search.without(terms, gone[0])
+    score = problem.score(terms)
     if lag is not None:
-        others = [t for t in best.terms if t.cause not in LAG]
+        others = [t for t in terms if t.cause not in LAG]
         weighed = {c: x for c, x in weighed.items() if c not in LAG}
         weighed[ServoLag.name] = Weighed(
-            nats=best.evidence - problem.score(others),
+            nats=score - problem.score(others),
             rivals=tuple((part, 0.0) for part in sorted(LAG)),
             lost=problem.lost(LAG, problem.best(others), found),
         )
     return JointFindings(
         fit=found,
         predicting=predicting,
-        score=best.evidence,
+        score=score,
         causes=weighed,
         lag=lag,
         noise=problem.noise,
+    )
+
+
+def _weighed(
+    problem: JointProblem, search: "Search[JointProblem]", terms: Sequence[Term], term: Term
+) -> Weighed:
+    """Return a cause of the best model against the models that lack it."""
+    score, rest = problem.score(terms), search.without(terms, term)
+    offers = search.rivals(terms, [term], least=score - CLOSE)
+    rivals = sorted((score - other, model[-1].cause) for other, model in offers)
+    return Weighed(
+        nats=score - problem.score(rest),
+        rivals=tuple((cause, x) for x, cause in rivals),
+        lost=problem.lost([term.cause], problem.best(rest), problem.best(terms)),
     )

@@ -9,15 +9,13 @@ import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.gap.servo.joint import JointMotion, command_nodes
+from stiction_envs.gap.servo.joint import CUTOFF_HZ, JointMotion, command_nodes
 from stiction_envs.gap.servo.questions import resolution_of
 from stiction_envs.gap.signals.filters import angle_noise, lowpass
 from stiction_envs.measured.logs.corrections import runs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-CUTOFF_HZ = 5.0
-"""Least bandwidth of the accelerations that couple the joints [Hz]; assumed."""
 LOST = 2.0
 """What that band may lose of an angle over the noise of the angle [-]; assumed: the noise is known
 to about a factor of two, and a wider band has noisier accelerations."""

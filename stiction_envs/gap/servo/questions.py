@@ -191,10 +191,12 @@ def scaled(servo: Servo, motions: Sequence[JointMotion], resolution: Array) -> B
 
 
 def sag_of(motion: JointMotion) -> float:
-    """Return by how much a joint sags per torque of gravity [rad/(N·m)]; below 0 if it rises."""
-    return float((motion.command - motion.q) @ motion.gravity) / float(
-        motion.gravity @ motion.gravity
-    )
+    """Return by how much a joint sags per torque of gravity [rad/(N·m)]; below 0 if it rises.
+
+    Lag and dry friction stretch a servo too, and short motions correlate them with gravity.
+    """
+    columns = np.stack([motion.gravity, *motion.smooth_speed()], axis=1)
+    return float(np.linalg.lstsq(columns, motion.command - motion.q, rcond=None)[0][0])
 
 
 def unmodelled(motion: JointMotion, counts: Bools) -> float:

@@ -17,8 +17,7 @@ from stiction_envs.gap.causes.body.bodies import from_flange, sphere
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.judge.judgement import Estimate
-from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.motion import CUTOFF_HZ
+from stiction_envs.gap.servo.joint import CUTOFF_HZ, JointMotion
 from stiction_envs.gap.servo.servo_parameters import INDEX
 from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
@@ -26,8 +25,6 @@ from stiction_envs.robots.regressor import torque_regressor
 
 ROW_SECONDS, BLOCK = 0.1, 4.0
 """Time between rows of the regression, and of blocks that give the interval [s]; assumed."""
-SLOW = 0.02
-"""Speed at which dry friction is nearly its level [rad/s]; assumed."""
 LINKS_OFF, ZERO_OFF = 0.08, 0.02
 """Usual error of a joint's gravity by small errors of links [-], and of its zero [rad]; assumed."""
 CARRIES = 1 / 3
@@ -147,12 +144,10 @@ def _residual(motion: JointMotion, p: Array, kept: Index) -> tuple[Array, Array,
 
     A prior is a standard deviation of the coefficient; inf where nothing is known.
     """
-    rate = 1.0 / motion.step
-    speed = np.gradient(lowpass(motion.q, rate, CUTOFF_HZ), motion.t)
-    acceleration = np.gradient(lowpass(speed, rate, CUTOFF_HZ), motion.t)
+    speed, direction = motion.smooth_speed()
+    acceleration = np.gradient(lowpass(speed, 1.0 / motion.step, CUTOFF_HZ), motion.t)
     torque = p[INDEX["stiffness"]] * (motion.command - motion.q) - p[INDEX["damping"]] * speed
     torque = torque - motion.gravity - motion.coupling - motion.inertia * acceleration
-    direction = np.tanh(speed / SLOW)
     of_load = direction * np.abs(motion.gravity)
     columns = (direction, of_load, speed, acceleration, motion.gravity, motion.slope)
     nuisance = np.stack(columns, axis=1)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.servo.causes import causes_of_joints
+from stiction_envs.gap.servo.findings import joint_causes
 from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import JointFindings, JointProblem, Question, judge
@@ -109,16 +110,34 @@ def test_errors_that_last_need_more_of_them() -> None:
 
 
 def test_a_stated_gain_that_is_a_little_off_is_no_cause() -> None:
-    """Nor is it lost: the fit has most of it. One that is far off is named, as it is unless stated
-    gains may be off.
+    """Nor is it lost: the fit has most of it. One that is far off is named, and the lag is unless
+    stated gains may be off.
     """
-    late = {"damping"}
-    for truth, off, named in ((0.84, 0.05, set()), (0.84, 0.0, late), (0.6, 0.05, late)):
+    each = ((0.84, 0.05, set()), (0.84, 0.0, {"servo_lag"}), (0.6, 0.05, {"damping"}))
+    for truth, off, named in each:
         question = asked(made(damping=truth))
         stated = {"damping": off} if off else {}
         found = judge(replace(question, always={**question.always, **stated}))
         assert set(found.causes) == named
         assert abs(found.fit["damping"] - truth) < 0.5 * (1.0 - truth)
+
+
+def test_a_part_of_the_lag_whose_interval_contains_the_nominal_value_is_named_as_lag() -> None:
+    """Beside delay and armature, damping may be as stated; the sum of the three cannot."""
+    (lag,) = joint_causes({0: _judged(made(damping=0.84))}, np.full(1, 1e-3))
+    low, high = lag.parameters[1]["lag_s"].ci95
+    assert lag.name == "servo_lag"
+    assert low < 0.84 / 20.0 < high < 1.0 / 20.0  # damping over stiffness; stated: 1.0
+
+
+def test_another_cause_whose_interval_contains_the_nominal_value_is_not_named(monkeypatch) -> None:
+    """As if the interval of stiction contained zero."""
+    monkeypatch.setattr(
+        JointProblem, "vague", lambda _, causes, of: {"stribeck_friction"} & {*causes}
+    )
+    found = _judged(made(stiction=0.9, drop=0.6, stribeck_velocity=0.05))
+    assert set(found.causes) == {"coulomb_friction"}
+    assert found.fit["drop"] == 0.0
 
 
 def test_a_small_error_of_a_stated_gain_takes_no_part_of_what_a_cause_takes_off() -> None:

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import step
 
 from stiction_envs.gap.servo.joint import STEP, command_nodes
-from stiction_envs.gap.servo.questions import passed_speed
+from stiction_envs.gap.servo.questions import passed_speed, sag_of
 from tests.gap.servo.small_arm import motion, parameters
 
 
@@ -28,6 +28,16 @@ def test_gravity_sags_a_joint_without_friction_by_its_torque_over_the_stiffness(
     m = motion(np.zeros(400), gravity=1.0)
     got = m.simulate(parameters(damping=1.0, compensation=compensation)[None])[0]
     assert got[-1] == pytest.approx(-sag, rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_lag_and_friction_are_no_sag_where_speed_rises_with_gravity(share: float) -> None:
+    """A joint that goes one way, faster and faster, as gravity on it grows."""
+    command = 0.02 * (0.01 * np.arange(800)) ** 2
+    late = {"damping": 1.0, "delay": 0.02, "stiction": 0.3, "compensation": share}
+    q = motion(command, slope=2.0).simulate(parameters(**late)[None])[0]
+    sag = sag_of(motion(command, q=q, slope=2.0))
+    assert 20.0 * sag == pytest.approx(1.0 - share, abs=0.1)
 
 
 def test_a_joint_holds_below_its_stiction_and_does_not_creep() -> None:
