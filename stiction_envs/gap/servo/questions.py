@@ -122,22 +122,33 @@ def unknown_damping(servo: Servo) -> bool:
     return servo.damping is None and servo.parameters is None and not servo.perfect
 
 
+def without_scale(servo: Servo, scaled: bool) -> bool:
+    """Return whether nothing sets the scale of a joint's torques.
+
+    The inertia of its links does not: under half the stiffness, the same motion has half of it, and
+    the rotor's is unknown.
+    """
+    return servo.perfect and not servo.same and not scaled
+
+
 def always_fitted(
     servo: Servo, motion: JointMotion, links: Array, nominal: Array, scaled: bool
 ) -> dict[str, float]:
     """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
-    These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains, and
-    unknown damping. ``nominal`` are the joint's (P,) parameters; ``scaled`` says whether gravity
-    scales the servo's torque.
+    These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains,
+    unknown damping, and the rotor's inertia in place of the unknown stiffness. ``nominal`` are the
+    joint's (P,) parameters; ``scaled`` says whether gravity scales the servo's torque.
     """
+    stiffness = float(nominal[INDEX["stiffness"]])
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
+    if without_scale(servo, scaled):
+        out["armature"] = servo_cause("armature").servo.sizes["armature"] * stiffness
     if scaled and not servo.perfect:
         out |= zip(("compensation", "offset"), links.tolist(), strict=True)
         out["stiffness"] = SERVO_OFF
     if unknown_damping(servo):
-        stiffness = float(nominal[INDEX["stiffness"]])
         out["damping"] = servo_cause("damping").servo.sizes["damping"] * stiffness
     elif (damping := float(nominal[INDEX["damping"]])) > 0 and not servo.perfect:
         out["damping"] = SERVO_OFF * damping
@@ -161,6 +172,7 @@ def possible_causes(
         if (scaled or not part.of_gravity)
         and not (servo.perfect and part.of_known_servo)
         and not ("damping" in part.sizes and unknown_damping(servo))
+        and not ("armature" in part.sizes and without_scale(servo, scaled))
     }
 
 

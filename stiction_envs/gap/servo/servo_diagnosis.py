@@ -240,7 +240,7 @@ class _Joints:
                 f"joints {', '.join(str(j + 1) for j in without)}: no gravity sets the scale of "
                 f"their torques; servo stiffness {said}, set to "
                 f"{' '.join(f'{x:.3g}' for x in dict.fromkeys(values))} N·m/rad, and "
-                "friction, damping and limits scale with it"
+                "inertia, friction, damping and limits scale with it"
             )
 
     def helped(self, nominal: Array, extended: Array) -> list[int]:
