@@ -1,8 +1,8 @@
 """Compiled functions of `sensing`: measurements of a controller, delay of its commands.
 
-Random numbers are hashed from (seed of the simulation, control step, channel) by the finaliser of
-SplitMix64 (Steele, Lea & Flood 2014; sources.md 8.1), as if that generator could be read anywhere:
-no bit depends on what else is simulated.
+Random numbers are hashed from (seed of the simulation, control step, channel) by SplitMix64
+(sources.md 8.1), as if that generator could be read anywhere: no bit depends on what else is
+simulated.
 """
 
 from typing import NamedTuple
@@ -12,15 +12,13 @@ from numpy.typing import NDArray
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
+from stiction_envs.dither.waveforms import GOLDEN, mix
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-_FIRST = np.uint64(0xBF58476D1CE4E5B9)
-_SECOND = np.uint64(0x94D049BB133111EB)
 _ONE, _HIGH = np.uint64(1), np.uint64(11)
-_SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
 _STRIDE, _OWN = 64, 48
 """Channels of a control step: four of each joint, and those of the whole arm from `_OWN` on."""
 MISSED = _OWN + 1  # Channel of an arm
+_mix = compiled(mix)
 
 
 class Measured(NamedTuple):
@@ -54,10 +52,7 @@ class Sent(NamedTuple):
 @compiled
 def uniform(seed: np.uint64, step: int, channel: int) -> float:
     """Return a number in (0, 1], uniform, of a seed, a control step and a channel."""
-    z = seed + np.uint64(step * _STRIDE + channel + _STRIDE) * _GOLDEN
-    z = (z ^ (z >> _SHIFTS[0])) * _FIRST
-    z = (z ^ (z >> _SHIFTS[1])) * _SECOND
-    z = z ^ (z >> _SHIFTS[2])
+    z = _mix(seed + np.uint64(step * _STRIDE + channel + _STRIDE - 1) * GOLDEN)
     return np.float64((z >> _HIGH) + _ONE) * 2.0**-53
 
 

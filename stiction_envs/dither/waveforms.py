@@ -9,7 +9,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ BANDWIDTH = 0.5
 """Relative bandwidth b of chirp and random, f(1 − b/2) … f(1 + b/2) [-] (`assumed`); at least
 TONES / SWEEP_CYCLES, so that the random tones lie on different lines."""
 
+GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # Step of SplitMix64
 _TWO_PI = 2.0 * np.pi
 # Edges of a square that fall on a sample (50 Hz at 1 kHz: every edge) would flip with the last bits
 # of a summed-up time. Edges are therefore early by this part of a period [-] (assumed): more than
@@ -177,8 +178,9 @@ class RandomTones(Waveform):
 
     def draw(self, seed: NDArray[np.uint64], joint: Index) -> Array:
         """Return (M, TONES + 1): the tones' phases [rad] and the gain that bounds their peak."""
-        key = _mix(seed)[:, None] + _mix(joint.astype(np.uint64))[:, None]
-        bits = _mix(np.add(key, np.arange(TONES, dtype=np.uint64))) >> np.uint64(11)
+        # tones depend on seed and joint, not on the batch
+        key = mix(seed)[:, None] + mix(joint.astype(np.uint64))[:, None]
+        bits = mix(np.add(key, np.arange(TONES, dtype=np.uint64))) >> np.uint64(11)
         phases = bits.astype(float) * (_TWO_PI * 2.0**-53)
         # |w| is at most its envelope, a trigonometric polynomial of degree d; sampled at G points
         # its maximum is at most the largest sample / cos(πd/G) (Ehlich and Zeller 1964).
@@ -201,9 +203,9 @@ def _in_cycles(angle: Array) -> Array:
     return np.multiply(angle, 1.0 / _TWO_PI, out=angle)
 
 
-def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Hash of 64-bit integers (splitmix64): tones depend on seed and joint, not on the batch."""
-    x = x + np.uint64(0x9E3779B97F4A7C15)
+def mix(x: Any) -> Any:
+    """Return SplitMix64 (Steele, Lea & Flood 2014) of a 64-bit integer, or of each of an array."""
+    x = x + GOLDEN
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return x ^ (x >> np.uint64(31))
