@@ -36,7 +36,7 @@ from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.measured.logs.sources import log_sources, torque_side
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
-from stiction_envs.reporting.markdown import aligned, sentence, table
+from stiction_envs.reporting.markdown import aligned, sentence, table_text
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
@@ -213,10 +213,8 @@ class Identification(Result):
     def page(self) -> str:
         """Return tables in Markdown: held-out residual by joint, links, base parameters."""
         n = self.nominal.n
-        lines = table(
-            ["held-out residual [N·m], joint", *(str(j) for j in range(1, n + 1))],
-            [[name, *(f"{x:.3g}" for x in rms)] for name, rms in self.rms.items()],
-        )
+        joints = [str(j) for j in range(1, n + 1)]
+        errors = [[name, *(f"{x:.3g}" for x in rms)] for name, rms in self.rms.items()]
         links = []
         for j, p in enumerate(self.phi):
             com = ", ".join(f"{x:.3f}" for x in p[1:4] / p[0])
@@ -224,11 +222,13 @@ class Identification(Result):
             links.append([str(j + 1), f"{p[0]:.3g}", com, *(f"{x:.3g}" for x in friction)])
         header = ["link", "mass [kg]", "centre of mass [m]"]
         friction_of_joint = ["Coulomb [N·m]", "viscous [N·m·s/rad]", "offset [N·m]"]
-        lines += table([*header, *friction_of_joint], links)
-        lines += table(
-            ["base parameter [kg, kg·m, kg·m²]", "value", "standard error", "nominal"],
-            [[name, f"{v:.4g}", f"{e:.2g}", f"{x:.4g}"] for name, v, e, x in self._base_rows()],
-        )
+        base = ["base parameter [kg, kg·m, kg·m²]", "value", "standard error", "nominal"]
+        rows = [[name, f"{v:.4g}", f"{e:.2g}", f"{x:.4g}"] for name, v, e, x in self._base_rows()]
+        lines = [
+            table_text(["held-out residual [N·m], joint", *joints], errors),
+            table_text([*header, *friction_of_joint], links),
+            table_text(base, rows),
+        ]
         if self.unsure:
             which = "; ".join(self.names[i] for i in self.unsure)
             lines += [f"Hardly excited by these logs: {which}.", ""]

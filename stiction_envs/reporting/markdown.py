@@ -67,13 +67,13 @@ def sentence(text: str) -> str:
     return text if text.endswith(".") else text + "."
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return a Markdown table and an empty line; a "|" in a cell is escaped."""
+def table_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a Markdown table with a line end; a "|" in a cell is escaped."""
 
     def line(cells: Sequence[str]) -> str:
         return "| " + " | ".join(x.replace("|", "\\|") for x in cells) + " |"
 
-    return [line(header), "|" + "---|" * len(header), *map(line, rows), ""]
+    return "\n".join([line(header), "|" + "---|" * len(header), *map(line, rows), ""])
 
 
 def aligned(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -83,8 +83,3 @@ def aligned(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     cells = ([x.rjust(w) for x, w in zip(line, width, strict=True)] for line in lines)
     texts = [line[0].ljust(width[0]) for line in lines]
     return "\n".join("  ".join([x, *c[1:]]).rstrip() for x, c in zip(texts, cells, strict=True))
-
-
-def table_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a Markdown table as a template takes it."""
-    return "\n".join(table(header, rows))

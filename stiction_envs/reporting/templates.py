@@ -1,7 +1,7 @@
 """Report texts: Jinja2 templates in the ``templates`` folder of the package that fills them.
 
 A template holds the words and a few branches. Numbers come from Python, either as text or through
-`FILTERS`. Tables are made by `markdown.table` and come as text.
+`FILTERS`. Tables are made by `markdown.table_text`.
 """
 
 import re

@@ -17,8 +17,8 @@ NAN = float("nan")
         (md.listed([1, 2, 3]), "1, 2 and 3"),
         ([md.joints(x) for x in ([], [1], [1, 2])], ["no joint", "joint 1", "joints 1 and 2"]),
         ([md.sentence(x) for x in ("so it is", "Yes.")], ["So it is.", "Yes."]),
-        (md.table(["a", "b"], [["1", "2"]]), ["| a | b |", "|---|---|", "| 1 | 2 |", ""]),
-        (md.table(["a|b"], [["|x|"]]), ["| a\\|b |", "|---|", "| \\|x\\| |", ""]),
+        (md.table_text(["a", "b"], [["1", "2"]]), "| a | b |\n|---|---|\n| 1 | 2 |\n"),
+        (md.table_text(["a|b"], [["|x|"]]), "| a\\|b |\n|---|\n| \\|x\\| |\n"),
     ],
 )
 def test_text(text, expected):
