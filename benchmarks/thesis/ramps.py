@@ -71,7 +71,7 @@ class Ramps:
         stuck = "" if len(good) == len(measured) else f"; {len(measured) - len(good)} never moved"
         if self.dither == "none":
             table, jobs = thesis_base(self.robot), [m.job.configuration for m in measured]
-            printed = [table.get(c.joint, c.load, c.direction) for c in jobs]
+            printed = [table.tau[c.index] for c in jobs]
             off = [100 * abs(measured[k].mean / printed[k] - 1) for k in good] or [math.nan]
             return f"{number(float(np.mean(off)))} % off (calibrated){stuck}"
         now = np.array([change(measured[k], base[k]) for k in good] or [np.nan])

@@ -199,7 +199,7 @@ def dithered_table(number: str, found: Found) -> Table:
         by_configuration.setdefault(r.simulated.job.configuration, {})[r.column] = r
     shown = []
     for c, mine in by_configuration.items():
-        measured = signed(base.get(c.joint, c.load, c.direction), 3)
+        measured = signed(base.tau[c.index], 3)
         line = [configuration_name(c), measured]
         line.append(torque_text(next(iter(mine.values())).base.mean, 3))
         for column in columns:

@@ -261,15 +261,6 @@ class BaseTable:
         """
         return (self.tau[..., 0] + self.tau[..., 1]) / 2
 
-    def get(self, joint: int, load: str, direction: str) -> float:
-        """Return the signed base torque [N·m] of a joint (from 1), pose and direction."""
-        if not 1 <= joint <= self.n_joints:
-            raise unknown("joint", joint, range(1, self.n_joints + 1))
-        for what, value, names in (("load", load, LOADS), ("direction", direction, DIRECTIONS)):
-            if value not in names:
-                raise unknown(what, value, names)
-        return float(self.tau[joint - 1, LOADS.index(load), DIRECTIONS.index(direction)])
-
 
 def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTable:
     """Read base torques of one robot from an SJE table, or a table in the form of thesis table 4.3.

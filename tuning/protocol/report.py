@@ -30,7 +30,7 @@ def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
     for c, m in tuner.base.items():
         row = [_name(c), f"{signed(m.mean, 4)} ± {m.std:.4f}"]
         if measured is not None:
-            value = measured.get(c.joint, c.load, c.direction)
+            value = float(measured.tau[c.index])
             row += [signed(value, 4), f"{signed(100 * (m.mean / value - 1), 2)} %"]
         rows.append(row)
     header = [PLACE, "simulated τ_b [N·m]"]
@@ -106,7 +106,7 @@ def write_report(
     figures.verification(tuner, verified["final"], thesis, tuner.out / "verification.png")
     worst = None
     if table is not None:
-        found = [m.mean / table.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
+        found = [m.mean / table.tau[c.index] for c, m in tuner.base.items()]
         worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
     write_md_and_html(
         tuner.out,

@@ -27,7 +27,7 @@ def run_torques(self, jobs, *, iterations=None, progress=None):
     """Pretend to simulate: base torques as printed, dither takes a tenth of its amplitude."""
     for job in jobs:
         c = job.configuration
-        base = thesis_base(self.sticking.arm.name).get(c.joint, c.load, c.direction)
+        base = thesis_base(self.sticking.arm.name).tau[c.index]
         yield measurement(job, base - 0.1 * c.sign * job.amplitude_nm, iterations or 1)
 
 

@@ -38,12 +38,12 @@ def torques(number: str, effect: float = 1.0) -> Found:
             if r.table == number:
                 c = Configuration(r.joint, r.load, r.direction)
                 change = r.tau_sje_nm / r.tau_base_nm - 1
-                base = thesis_base(robot).get(c.joint, c.load, c.direction)
+                base = thesis_base(robot).tau[c.index]
                 printed[robot, job_of(r)] = base * (1 + effect * change)
     out = {}
     for robot, job in torque_needs(number)["sje"]:
         c = job.configuration
-        tau = printed.get((robot, job), thesis_base(robot).get(c.joint, c.load, c.direction))
+        tau = printed.get((robot, job), thesis_base(robot).tau[c.index])
         out[robot, job] = measurement(job, tau)
     return {"sje": out}
 
@@ -69,8 +69,8 @@ def test_tables_as_printed_have_no_difference(number, tmp_path):
     assert len(rows) == len(printed)
     for row, was in zip(rows, printed, strict=True):
         assert float(row["tau_sje_Nm"]) == was["tau_sje_Nm"]
-        base = thesis_base("iiwa7" if number == "4.5" else "panda")
-        base = base.get(was["joint"], was["load"], was["direction"])
+        c = Configuration(was["joint"], was["load"], was["direction"])
+        base = thesis_base("iiwa7" if number == "4.5" else "panda").tau[c.index]
         assert float(row["simulated_tau_base_Nm"]) == pytest.approx(base)
         assert float(row["difference_points"]) == pytest.approx(0, abs=0.05)
         # Table 4.3 rounds some bases
@@ -102,7 +102,7 @@ def test_a_broken_cell_counts_nowhere_and_stuck_ones_are_counted():
 def ramp_group(factor: float = 1.0) -> list[Measurement]:
     base = thesis_base("panda")
     return [
-        measurement(job, factor * base.get(6, c.load, c.direction), 4)
+        measurement(job, factor * base.tau[c.index], 4)
         for job in Ramps("panda", 6, "none").jobs()
         for c in [job.configuration]
     ]
