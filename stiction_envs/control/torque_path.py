@@ -39,14 +39,12 @@ class TorqueInterface:
         checked(self.lowpass_hz, Amount, "low-pass [Hz]")
 
     @classmethod
-    def of(
-        cls, arm: Arm, *, controller_rate_hz: float | None = None, lowpass_hz: float | None = None
-    ) -> "TorqueInterface":
-        """Return the interface of an arm, with another rate or filter if named."""
-        rate = arm.controller_rate_hz if controller_rate_hz is None else controller_rate_hz
+    def of(cls, arm: Arm) -> "TorqueInterface":
+        """Return the interface of an arm."""
+        rate = arm.controller_rate_hz
         return cls(
             controller_rate_hz=int(rate) if float(rate).is_integer() else rate,  # type: ignore[arg-type]
-            lowpass_hz=arm.lowpass_hz if lowpass_hz is None else lowpass_hz,
+            lowpass_hz=arm.lowpass_hz,
             torque_rate=arm.limits.torque_rate,
             torque_limit=arm.limits.torque,
         )

@@ -1,12 +1,12 @@
 """The Single Joint Experiment: its protocol, its results. Thesis 3.2."""
 
+import dataclasses
 from functools import cache
 
 import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje import experiment as module
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -17,7 +17,6 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     load_protocol,
 )
-from stiction_envs.robots import load_arm
 from tests.refusal import refusal
 
 JOINTS = [2, 4, 6, 7]
@@ -165,9 +164,9 @@ def test_100_hz_dither_at_200_hz_and_phase_zero_does_nothing():
 
     The same dither from a controller of 1 kHz is felt, and so is another frequency at 200 Hz.
     """
-    b, arm = bench("iiwa7", scatter=False, ramp_rate=QUICK), load_arm("iiwa7")
+    b = bench("iiwa7", scatter=False, ramp_rate=QUICK)
     slow, fast = (
-        b.replace(interface=TorqueInterface.of(arm, controller_rate_hz=rate))
+        b.replace(interface=dataclasses.replace(b.interface, controller_rate_hz=rate))
         for rate in (200, 1000)
     )
     none, aliased, felt = Job(LIGHT), Job(LIGHT, 100.0, 3.0), Job(LIGHT, 15.0, 1.0)

@@ -135,7 +135,9 @@ def _read(joint: int, truth: Truth, seed: int) -> dict[tuple[Configuration, floa
         arm,
         friction=friction,
         protocol=protocol(),
-        interface=TorqueInterface.of(arm, lowpass_hz=truth.lowpass_hz),
+        interface=dataclasses.replace(
+            TorqueInterface.of(arm), lowpass_hz=truth.lowpass_hz or arm.lowpass_hz
+        ),
         scatter=True,
         seed=seed,
     )
