@@ -196,7 +196,7 @@ precision."""
 def quick() -> dict[str, Any]:
     """Return a few results of every room, in some seconds on one core."""
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-    from stiction_envs.experiments.gte.measures import measure
+    from stiction_envs.experiments.gte.measures import Measures
     from stiction_envs.experiments.gte.protocol import Case
     from stiction_envs.experiments.sje.calibrate import calibrate
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -217,7 +217,7 @@ def quick() -> dict[str, Any]:
     torques = {m.job: m.mean for m in sje.run(jobs, iterations=1)}
     out: dict[str, Any] = {
         "sje": [torques[job] for job in jobs],
-        "gte": measure(run, gte.protocol, gte.motion).rms[0].tolist(),
+        "gte": Measures(run, gte.protocol, gte.motion).rms[0].tolist(),
         "calibrate": np.ravel(friction.stiction).tolist(),
     }
     for name in ROLLOUTS:

@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.thesis.items import Found
 from benchmarks.thesis.lsm import fit_lines, friction_curve
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -71,7 +71,7 @@ def _paths(parts: Sequence[Any], how: Options) -> Iterator[tuple[Any, Any]]:
         dithers = ((), thesis_final_dither())
         cases = [Case(trajectory=trajectory, stiffness=stiffness, dither=d) for d in dithers]
         runs = [run for c in cases for run in arm.run([c], iterations=how.iterations)]
-        both = tuple((run, measure(run, arm.protocol, arm.motion)) for run in runs)
+        both = tuple((run, Measures(run, arm.protocol, arm.motion)) for run in runs)
         yield (trajectory, stiffness), both
 
 

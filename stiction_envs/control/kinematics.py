@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.rotation import right_matrix
-from stiction_envs.errors import checked_array
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant.loop_batch import kinematics
 from stiction_envs.robots import Arm
@@ -183,9 +182,3 @@ class MeasuredEndEffector(EndEffector):
     def read(self) -> None:
         """Update the arrays from the present angles."""
         _read_all_measured(self.measured())
-
-
-def tool_point(tool: ArrayLike | None) -> Array:
-    """Return a tool point (3,) [m], the flange for None; raise unless it is 3 finite numbers."""
-    point = (0.0, 0.0, 0.0) if tool is None else tool
-    return checked_array(point, "tool", (3,), expected="three finite numbers, x y z in m")

@@ -10,7 +10,7 @@ from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import Case, pose_error
 from stiction_envs.experiments.gte.random_paths import random_paths
 from stiction_envs.friction.parameters import load_friction
@@ -47,7 +47,7 @@ def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> No
     rows = tuple(AmplitudeRow(j + 1, f[j], a[j]) for j in range(len(a)) if a[j] > 0)
     bench = GeneratedTrajectoryExperiment(robot, **experiment)
     (run,) = bench.run([dataclasses.replace(case, dither=rows)], iterations=3)
-    measures = measure(run)
+    measures = Measures(run)
     recorder, kept = env.unwrapped.core.recorder, []
     advance = recorder._sampler.advance
     recorder._sampler.advance = lambda: kept.append(advance()) or kept[-1]

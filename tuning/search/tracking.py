@@ -19,7 +19,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured.tables import AmplitudeRow
@@ -212,7 +212,7 @@ class TrackingObjective:
         cases = [treatment.case(place) for treatment, place, _ in tried]
         frictions = [friction for _, _, friction in tried]
         runs = e.run(cases, iterations=self.iterations, parameters=frictions)
-        found = [measure(run, e.protocol, e.motion) for run in runs]
+        found = [Measures(run, e.protocol, e.motion) for run in runs]
         rows = [
             (
                 _rms(m.shaking),

@@ -19,13 +19,12 @@ from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import is_file, read_compensation
 from stiction_envs.control.impedance import ImpedanceSettings
-from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, new_movements
 from stiction_envs.control.trapezoid import plan
-from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.errors import StictionError, checked_array, unknown
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import (
     PATHS,
     Case,
@@ -112,7 +111,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             seed=seed,
             threads=threads,
         )
-        arm = sticking.arm
+        arm, point = sticking.arm, "three finite numbers, x y z in m"
         if controller_model is not None and controller_model.joint_names != arm.joint_names:
             raise StictionError("the controller's model must have the joints of the arm")
         vars(self).update(
@@ -121,7 +120,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             settings=ImpedanceSettings() if settings is None else settings,
             motion=MotionLimits() if motion is None else motion,
             start=start_angles(arm, start),
-            tool=tool_point(tool),
+            tool=checked_array((0, 0, 0) if tool is None else tool, "tool", (3,), expected=point),
             paths=dict(paths or {}),
             controller_model=controller_model,
         )
@@ -199,7 +198,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         model_hash = None if model is None else hashlib.sha256(model.xml.encode()).hexdigest()
         return TrackingErrors(
             robot=arm.name,
-            runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
+            runs=tuple((r, Measures(r, self.protocol, self.motion)) for r in runs),
             note=simulated_note(arm, self.sticking.parameters),
             provenance=provenance(
                 "gte",

@@ -172,8 +172,11 @@ class Accumulator:
 class Measures(Accumulator):
     """All measures of a run of I iterations with G goals, iteration by iteration."""
 
-    def __init__(self, run: Run, protocol: GTEProtocol, motion: MotionLimits) -> None:
-        """Measure a run; see `measure`."""
+    def __init__(
+        self, run: Run, protocol: GTEProtocol | None = None, motion: MotionLimits | None = None
+    ) -> None:
+        """Measure a run, with a protocol's window and tail and a motion's tolerances."""
+        protocol, motion = protocol or load_gte_protocol(), motion or MotionLimits()
         count, goals = run.accepted.shape
         rate = 1.0 / sample_period(run)
         super().__init__(count, goals, rate=rate, window=protocol.window, tail=protocol.tail)
@@ -199,13 +202,6 @@ class Measures(Accumulator):
         reference went to the measured pose. None for the first goal: there it is 0 by definition
         [m, rad]."""
         return self.settling[:, :-1]
-
-
-def measure(
-    run: Run, protocol: GTEProtocol | None = None, motion: MotionLimits | None = None
-) -> Measures:
-    """Return the measures of a run, with a protocol's window and tail and a motion's tolerances."""
-    return Measures(run, protocol or load_gte_protocol(), motion or MotionLimits())
 
 
 def error_against_time(run: Run) -> tuple[Array, Array]:

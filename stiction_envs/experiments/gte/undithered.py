@@ -9,7 +9,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import (
     TRAJECTORIES,
     Case,
@@ -97,7 +97,7 @@ def _name(experiment: GeneratedTrajectoryExperiment, key: Key) -> str:
 
 
 def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> store.Values:
-    measures = measure(run, experiment.protocol)
+    measures = Measures(run, experiment.protocol)
     duration = measures.duration + experiment.protocol.tail
     total, left = measures.total_error.mean(axis=0), measures.left.mean(axis=0)
     if not ((total > 0).all() and (left > 0).all()):

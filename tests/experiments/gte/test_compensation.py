@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import Case
 from tests.experiments.gte.short_paths import DITHER, SOFT, STIFF, assert_same, bench, friction, one
 from tests.refusal import refusal
@@ -26,7 +26,7 @@ def test_compensation_reduces_what_friction_leaves():
     case = Case(trajectory="away", stiffness=SOFT)
     kinds = ("feedforward", "push")
     runs = b.run([case, *(with_(case, b.compensation(k)) for k in kinds)], iterations=1)
-    none, feedforward, push = (measure(run, b.protocol) for run in runs)
+    none, feedforward, push = (Measures(run, b.protocol) for run in runs)
     assert np.linalg.norm(feedforward.rms[0, :3]) < 0.75 * np.linalg.norm(none.rms[0, :3])
     left, undithered = (np.linalg.norm(m.settling[0, -1, :3]) for m in (push, none))
     assert left < 0.5 * undithered
@@ -44,7 +44,7 @@ def test_a_relay_beyond_friction_hunts_and_vibration_shows_it():
     last_second = [np.sqrt(run.mean_square[0, -100:].mean(axis=0).sum()) for run in runs]
     assert max(last_second[:2]) < 1e-7
     assert 2e-5 < last_second[2] < 0.5 * last_second[3]
-    none, under, over, far = (measure(run, b.protocol).shaking_at_rest[0] for run in runs)
+    none, under, over, far = (Measures(run, b.protocol).shaking_at_rest[0] for run in runs)
     assert under < 1.5 * none
     assert far > 2 * over > 6 * none
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from stiction_envs.control import rotation
 from stiction_envs.control.impedance import renew_space
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import Case, load_gte_protocol
 from stiction_envs.measured.tables import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
@@ -96,7 +96,7 @@ def test_dither_reduces_the_standing_error_and_shakes():
     b = bench(tail=3.0)
     strong = tuple(AmplitudeRow(r.joint, 15.0, 3 * r.amplitude_nm) for r in DITHER)
     cases = [Case(trajectory="there", stiffness=SOFT, dither=rows) for rows in ((), strong)]
-    a, d = (measure(run, b.protocol) for run in b.run(cases, iterations=2))
+    a, d = (Measures(run, b.protocol) for run in b.run(cases, iterations=2))
     plain, shaken = (np.linalg.norm(m.settling[:, -1, :3], axis=1) for m in (a, d))
     assert np.all(shaken < 0.7 * plain)
     assert np.all(d.shaking > 2 * a.shaking)
@@ -125,7 +125,7 @@ def test_case_does_not_depend_on_the_others():
         alone = one(bench(threads=1), case, 2)
         assert len(alone.time) == len(run.time)
         assert_same(alone, run)
-        np.testing.assert_array_equal(measure(alone).window_sum, measure(run).window_sum)
+        np.testing.assert_array_equal(Measures(alone).window_sum, Measures(run).window_sum)
 
 
 def test_phases_are_drawn_for_every_joint_and_iteration():

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.gte import measures as gte_measures
 from stiction_envs.experiments.gte import rows as gte_table
-from stiction_envs.experiments.gte.measures import Accumulator
+from stiction_envs.experiments.gte.measures import Accumulator, Measures
 from tests.experiments.gte.made_up import made_up
 
 
@@ -28,7 +27,7 @@ def test_error_is_small_where_roll_passes_pi():
 def test_shaking_energy_and_wear():
     """Shaking is the norm of 3 and 4 mm of position and of 12 mm of turns at the lever."""
     run = made_up()
-    m = gte_measures.measure(run)
+    m = Measures(run)
     np.testing.assert_allclose(m.shaking, 13e-3)
     np.testing.assert_allclose(m.shaking_at_rest, 13e-3)
     assert gte_table.run_row(run, m, "panda").vibration_m == pytest.approx(13e-3)
@@ -43,7 +42,7 @@ def test_corner_window_and_settling_errors():
     The error counts samples.
     """
     error = np.broadcast_to(np.arange(700.0)[:, None] * 1e-5, (2, 700, 6))
-    m = gte_measures.measure(made_up(error))
+    m = Measures(made_up(error))
     assert m.corner.shape == (2, 2, 6)
     assert m.settling.shape == (2, 3, 6)
     np.testing.assert_allclose(m.corner[:, :, 0], [[199e-5, 399e-5]] * 2)
@@ -54,17 +53,17 @@ def test_corner_window_and_settling_errors():
 
 def test_missed_goals():
     """0.03 m in x and y is 0.042 m: beyond the generator's 0.04 m; so is 0.3 rad of 0.25."""
-    far = gte_measures.measure(made_up(constant(0.03, 0.03, 0, 0, 0, 0)))
+    far = Measures(made_up(constant(0.03, 0.03, 0, 0, 0, 0)))
     assert far.missed.all()
-    turned = gte_measures.measure(made_up(constant(0, 0, 0, 0, 0.3, 0)))
+    turned = Measures(made_up(constant(0, 0, 0, 0, 0.3, 0)))
     assert turned.missed.all()
-    assert not gte_measures.measure(made_up(constant(0.03, 0, 0, 0, 0.2, 0))).missed.any()
+    assert not Measures(made_up(constant(0.03, 0, 0, 0, 0.2, 0))).missed.any()
 
 
 def test_path_of_one_goal_has_no_corner():
     run = made_up(constant(*VALUES))
     one = replace(run, accepted=run.accepted[:, :1], reached=run.reached[:, 2:])
-    m = gte_measures.measure(one)
+    m = Measures(one)
     assert m.corner.shape == (2, 0, 6)
     row = gte_table.error_rows(one, m, "panda")[0]
     assert np.isnan(row.corner)
@@ -73,7 +72,7 @@ def test_path_of_one_goal_has_no_corner():
 
 def test_written_tables_have_their_columns(tmp_path):
     run = made_up(constant(*VALUES), dithered=True)
-    m = gte_measures.measure(run)
+    m = Measures(run)
     gte_table.write_rows(tmp_path / "errors.csv", gte_table.error_rows(run, m, "panda"))
     gte_table.write_rows(tmp_path / "runs.csv", [gte_table.run_row(run, m, "panda")])
     gte_table.write_points(tmp_path / "points.csv", [(run, m)])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.results import write_report
 from stiction_envs.experiments.gte.rows import error_rows, run_row
 from stiction_envs.reporting.png import save_full
@@ -19,7 +19,7 @@ def report(tmp_path):
         save_full(Figure(figsize=(1, 1)), tmp_path / f"{name}.png")
 
     def write(*runs):
-        found = [(run, measure(run), "panda") for run in runs]
+        found = [(run, Measures(run), "panda") for run in runs]
         rows = [row for x in found for row in error_rows(*x)]
         write_report(tmp_path, rows, [run_row(*x) for x in found])
         return (tmp_path / "report.md").read_text("utf-8"), (tmp_path / "report.html").read_text()

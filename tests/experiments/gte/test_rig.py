@@ -1,5 +1,7 @@
 """Arms on paths, control step by control step: the same bits in one compiled call or many."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -74,7 +76,7 @@ def test_steps_are_the_same_bits_in_one_call_or_many(robot, kind, options):
 def test_slow_controller_takes_what_fell_due_between_its_cycles():
     """125 Hz: cycles every 8 ms, references every 10 ms; none may be missed."""
     b = bench(scatter=False)
-    interface = b.interface.of(load_arm("panda"), controller_rate_hz=125)
+    interface = dataclasses.replace(b.interface, controller_rate_hz=125)
     slow = bench(scatter=False, interface=interface)
     case = Case(trajectory="there", stiffness=STIFF)
     a, c = one(b, case), one(slow, case)

@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.measures import measure
+from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.robots import load_arm
@@ -86,7 +86,7 @@ def test_shaking_is_a_constraint_unless_it_is_an_objective(make, dithered):
 def test_errors_are_those_of_the_experiment(objective, dithered, experiment):
     cases = [treatment.case(PLACE) for treatment in (Treatment(), THESIS)]
     runs = experiment.run(cases, iterations=1)
-    measures = [measure(run, experiment.protocol, experiment.motion) for run in runs]
+    measures = [Measures(run, experiment.protocol, experiment.motion) for run in runs]
     left, right = (np.linalg.norm(m.settling[0, :, :3], axis=1) for m in measures)
     ratio = right / left
     assert dithered.left(objective.plain)[0] == pytest.approx(np.exp(np.log(ratio).mean()))
