@@ -268,7 +268,7 @@ def pose_error(
         x += error_matrix[1, m] * quaternion[m]
         y += error_matrix[2, m] * quaternion[m]
         z += error_matrix[3, m] * quaternion[m]
-    # as rotation.rotation_vector
+    # as rotation.rotation_error
     length = np.sqrt(x**2 + y**2 + z**2)
     factor = np.copysign(2.0 * np.arctan2(length, abs(w)) / max(length, _TINY), w)
     error[3], error[4], error[5] = factor * x, factor * y, factor * z

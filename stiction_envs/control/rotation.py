@@ -45,27 +45,19 @@ def write_one_error_matrix(reference: Array, out: Array) -> None:
     out[3, 0], out[3, 1], out[3, 2], out[3, 3] = -z, -y, x, w
 
 
-def rotation_vector(q: Array) -> Array:
-    """Return angle · axis [rad], (..., 3), of quaternions q (..., 4) of any norm; angle in [0, π].
-
-    The vector is the same for q and −q.
-    """
-    vector = q[..., 1:]
-    length = np.sqrt(np.einsum("...i,...i->...", vector, vector))
-    w = q[..., 0]
-    factor = np.arctan2(length, np.abs(w))
-    factor *= 2.0
-    factor /= np.maximum(length, _TINY)  # 0 where there is no rotation
-    return vector * np.copysign(factor, w)[..., None]
-
-
 def rotation_error(q: Array, reference: Array) -> Array:
     """Return angle · axis of q ⊗ q_d⁻¹ in the base frame [rad], (..., 3); sources.md 6.1.
 
+    The angle is in [0, π]; q (..., 4) may have any norm, and −q gives the same.
     With angular velocity ω and q_d (..., 4) at rest, d/dt ½|e|² = e·ω: the torque −k e is the
     gradient of the potential ½ k angle². With different stiffness about different axes it has none.
     """
-    return rotation_vector(np.einsum("...ij,...j->...i", error_matrix(reference), q))
+    turn = np.einsum("...ij,...j->...i", error_matrix(reference), q)
+    w, vector = turn[..., 0], turn[..., 1:]
+    length = np.sqrt(np.einsum("...i,...i->...", vector, vector))
+    # 0 where there is no rotation
+    factor = 2.0 * np.arctan2(length, np.abs(w)) / np.maximum(length, _TINY)
+    return vector * np.copysign(factor, w)[..., None]
 
 
 @compiled

@@ -68,8 +68,11 @@ def sampler(
     if used != name:
         warnings.warn(f"sampler {name} needs PyTorch: {used} is used", stacklevel=2)
 
+    def constraints(trial: FrozenTrial) -> list[float]:
+        return list(trial.user_attrs.get(CONSTRAINTS, ()))
+
     def make(seed: int) -> BaseSampler:
-        model: dict[str, Any] = {"n_startup_trials": startup, "constraints_func": constraints_of}
+        model: dict[str, Any] = {"n_startup_trials": startup, "constraints_func": constraints}
         if used == "gp":
             return optuna.samplers.GPSampler(seed=seed, deterministic_objective=False, **model)
         if used == "tpe":
@@ -111,8 +114,3 @@ def cells(space: Space, points: int, seed: int) -> tuple[Parameters, ...]:
     out = [dict(zip(space, cell, strict=True)) for cell in itertools.product(*values)]
     np.random.default_rng(seed).shuffle(out)
     return tuple(out)
-
-
-def constraints_of(trial: FrozenTrial) -> list[float]:
-    """Return a trial's constraints for Optuna: feasible where all are at most 0."""
-    return list(trial.user_attrs.get(CONSTRAINTS, ()))

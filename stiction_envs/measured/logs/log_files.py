@@ -9,7 +9,7 @@ import numpy as np
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import refuse_pointer
-from stiction_envs.measured.logs.columns import Wanted, drives_in, joints_of
+from stiction_envs.measured.logs.columns import Wanted, joints_of
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming, with_held
@@ -76,7 +76,7 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
     Raises:
         StictionError: a log without angles, or that cannot be read.
     """
-    found = joints_of(_kind(path).names(os.fspath(path), naming or Naming()))
+    found = joints_of(column_names(path, naming))
     if not found:
         raise StictionError(
             f"{path}: no column q1: expected t,q1..qn,tau1..taun; columns OURS=NAME renames"
@@ -84,9 +84,9 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
     return found
 
 
-def drives(path: str | os.PathLike[str], naming: Naming | None = None) -> tuple[str, ...]:
-    """Return the possible drives of a log's joints: torque, position, both or neither."""
-    return drives_in(_kind(path).names(os.fspath(path), naming or Naming()))
+def column_names(path: str | os.PathLike[str], naming: Naming | None = None) -> list[str]:
+    """Return our names of a log's columns, by `LogFormat.names`."""
+    return _kind(path).names(os.fspath(path), naming or Naming())
 
 
 def is_log(path: Path) -> bool:

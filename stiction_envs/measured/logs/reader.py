@@ -22,7 +22,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks import logs as checks
 from stiction_envs.measured.checks.servo_logs import check_servo_channels, check_servo_units
 from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_step
-from stiction_envs.measured.logs.columns import POSITION, TORQUE, Wanted
+from stiction_envs.measured.logs.columns import POSITION, TORQUE, Wanted, drives_in
 from stiction_envs.measured.logs.corrections import (
     SERVO_CORE,
     Correction,
@@ -34,7 +34,7 @@ from stiction_envs.measured.logs.corrections import (
     unwrap,
 )
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.log_files import drives, read_raw
+from stiction_envs.measured.logs.log_files import column_names, read_raw
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog, ServoLog
 from stiction_envs.robots.arm_toml import Limits
 
@@ -141,7 +141,7 @@ def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
     """
     if isinstance(log, RobotLog):
         return log.drive
-    found = drives(log, naming)
+    found = drives_in(column_names(log, naming))
     if not found:
         raise StictionError(
             f"{os.fspath(log)}: neither torques nor commanded positions: expected t,q1..qn with "

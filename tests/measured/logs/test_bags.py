@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.columns import drives_in
 from stiction_envs.measured.logs.formats import base
-from stiction_envs.measured.logs.log_files import drives
+from stiction_envs.measured.logs.log_files import column_names
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import (
@@ -257,7 +258,7 @@ def test_commands_hold_until_the_next(bag, topic: str, stamp: bool) -> None:
         VALUES, "/effort_controller/commands", "std_msgs/msg/Float64MultiArray", array_fields
     )
     path = bag(joint_states(VALUES), commands(topic, stamp=stamp), other)
-    assert drives(path) == ("torque", "position")
+    assert drives_in(column_names(path)) == ("torque", "position")
     log = servo(path)
     held = TOLD[np.arange(len(VALUES)) // 2 * 2]
     np.testing.assert_array_equal(log.q_cmd, held)
@@ -287,7 +288,7 @@ def test_the_state_of_a_trajectory_controller(bag, kind: str) -> None:
     absent = VALUES.copy()
     absent[:, 8:] = np.nan
     path = bag(states(VALUES, topic, of, fields), joint_states(absent), kind=kind)
-    assert drives(path) == ("position",)
+    assert drives_in(column_names(path)) == ("position",)
     log = servo(path)
     np.testing.assert_array_equal(log.q_cmd, VALUES[:, 1:8] + 0.02)
     assert_holds(log, VALUES, "q")
