@@ -42,7 +42,8 @@ def renew(
     minv_jt, scaled = _mobility(jacobian, mass, scale)
     if not np.isfinite(scaled.sum()):
         return False
-    singular[0] = not _exceeds(scaled, singular_below)
+    # all eigenvalues exceed s_0 where A − s_0·I has a factor
+    singular[0] = not _factor(scaled, singular_below, np.empty((6, 6)))
     if projects:
         _invert(scaled, scale, singular_below, inertia)
         _project(jacobian, inertia, minv_jt, projector)
@@ -50,19 +51,17 @@ def renew(
 
 
 @compiled
-def _exceeds(matrix: Array, bound: float) -> bool:
-    """Return whether all eigenvalues exceed a bound: A − bound·I has a Cholesky factor."""
-    n = len(matrix)
-    factor = np.empty((n, n))
-    for j in range(n):
+def _factor(matrix: Array, shift: float, out: Array) -> bool:
+    """Write the Cholesky factor L of A − shift·I; return False if it is not positive definite."""
+    for j in range(len(matrix)):
         for m in range(j + 1):
-            total = matrix[j, m] - (bound if j == m else 0.0)
+            total = matrix[j, m] - (shift if j == m else 0.0)
             for k in range(m):
-                total -= factor[j, k] * factor[m, k]
+                total -= out[j, k] * out[m, k]
             if m < j:
-                factor[j, m] = total / factor[m, m]
+                out[j, m] = total / out[m, m]
             elif total > 0.0:
-                factor[j, j] = np.sqrt(total)
+                out[j, j] = np.sqrt(total)
             else:
                 return False
     return True
@@ -85,22 +84,14 @@ def _invert(scaled: Array, scale: Array, least: float, out: Array) -> None:
 
 @compiled
 def _mobility(jacobian: Array, mass: Array, scale: Array) -> tuple[Array, Array]:
-    """Return M⁻¹ Jᵀ (n, 6), A = S J M⁻¹ Jᵀ S (6, 6); NaN for a mass not positive definite."""
+    """Return M⁻¹ Jᵀ (n, 6), A = S J M⁻¹ Jᵀ S (6, 6); A is NaN for a mass not positive definite."""
     n = len(mass)
-    x, scaled = np.empty((n, 6)), np.empty((6, 6))
-    factor = np.empty((n, n))
-    for j in range(n):
-        for k in range(6):
-            x[j, k] = jacobian[k, j]
-    for j in range(n):  # M = L Lᵀ, and L x = Jᵀ meanwhile
-        for m in range(j + 1):
-            total = mass[j, m]
-            for k in range(m):
-                total -= factor[j, k] * factor[m, k]
-            if m < j:
-                factor[j, m] = total / factor[m, m]
-            else:
-                factor[j, j] = np.sqrt(total) if total > 0.0 else np.nan
+    x, scaled = np.empty((n, 6)), np.full((6, 6), np.nan)
+    x[:] = jacobian.T
+    factor = np.empty((n, n))  # L of M = L Lᵀ
+    if not _factor(mass, 0.0, factor):
+        return x, scaled
+    for j in range(n):  # L x = Jᵀ
         for m in range(j):
             for k in range(6):
                 x[j, k] -= factor[j, m] * x[m, k]
