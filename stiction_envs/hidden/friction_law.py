@@ -10,7 +10,7 @@ Levels may grow with the transmitted torque L: F_s(L) = F_s + k L, and F_c in th
 Nothing in this file imports MuJoCo.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ class LuGre:
     """σ2 [N·m·s/rad]."""
     load_coefficient: ArrayLike = 0.0
     """Growth of F_s per N·m of transmitted torque [-]; F_c grows in the same ratio."""
-    load: ArrayLike = field(default=0.0)
+    load: ArrayLike = 0.0
     """Transmitted torque L ≥ 0 [N·m]."""
 
     def level(self, v: ArrayLike) -> Array:

@@ -1,6 +1,6 @@
 """A joint that a person pushes: at which torque it moves, with and without dither.
 
-    push = Push(sticking_model("panda"), dither=rows)
+    push = PushedJoint(sticking_model("panda"), dither=rows)
     push.choose(7)
     push.harder(9)  # 90 % of what the joint holds
     push.advance(5.0)

@@ -1,1 +1,1 @@
-"""Hides a cause in the motion of a user's log, and diagnoses the simulated log.?"""
+"""Hides a cause in the motion of a user's log, and diagnoses the simulated log."""
