@@ -208,16 +208,21 @@ def tune(
             progress=progress,
             settings=s,
         )
-        tuner.measure_base()
-        tuner.measure_grid()
-        choices = tuner.choose()
-        verified = tuner.verify(choices)
-        return Tuning(
-            summary=write_report(tuner, choices, verified, table=table, warnings=warned),
-            final=tuple(c.row for c in choices),
-            folder=path,
-            provenance=run.folder.provenance,
-        )
+        return run_protocol(tuner, table, warned)
+
+
+def run_protocol(tuner: ThesisTuner, table: BaseTable | None, warned: list[str]) -> Tuning:
+    """Run the protocol and write its report; ``table`` has the measured base torques."""
+    tuner.measure_base()
+    tuner.measure_grid()
+    choices = tuner.choose()
+    verified = tuner.verify(choices)
+    return Tuning(
+        summary=write_report(tuner, choices, verified, table=table, warnings=warned),
+        final=tuple(c.row for c in choices),
+        folder=tuner.out,
+        provenance=tuner.run.folder.provenance,
+    )
 
 
 def _calibrated(
