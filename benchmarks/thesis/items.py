@@ -11,7 +11,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.csv_text import write_rows
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_small
 
@@ -85,7 +85,7 @@ class Item:
         if isinstance(made, Picture):
             save_small(made.figure, path)
             return made.compared, f"![{self.name}: {self.title}]({self.file})"
-        write_lines(path, list(made.rows[0]), [list(row.values()) for row in made.rows])
+        write_rows(path, made.rows)
         cells = [
             [x.replace(" ", "\u00a0") if len(x) <= SHORT else x for x in row] for row in made.shown
         ]

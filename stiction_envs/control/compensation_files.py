@@ -20,7 +20,7 @@ import numpy as np
 from stiction_envs.control.compensation import Compensation, law_named
 from stiction_envs.control.laws import LAWS
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.csv_text import Line, read_lines, write_lines
+from stiction_envs.measured.csv_text import Line, read_lines, write_rows
 from stiction_envs.measured.ros_parameters import ParameterGroup, is_parameters, read_parameters
 from stiction_envs.measured.tables import AmplitudeRow, write_final
 
@@ -111,9 +111,8 @@ def compensation_rows(found: Compensation) -> list[dict[str, float]]:
 
 def write_compensation(path: Path, found: Compensation) -> None:
     """Write ``compensation.csv``, in the format that `read_compensation` reads."""
-    rows = [{**row, KIND: found.kind} for row in compensation_rows(found)]
-    header = ("joint", KIND, *(name for name in rows[0] if name not in ("joint", KIND)))
-    write_lines(path, header, [tuple(row[name] for name in header) for row in rows])
+    first: dict[str, object] = {"joint": 0, KIND: found.kind}
+    write_rows(path, [first | row for row in compensation_rows(found)])
 
 
 def write_treatment(

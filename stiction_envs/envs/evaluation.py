@@ -8,7 +8,6 @@ environment. Every agent gets the same episodes; a row is the same bits in a bat
 """
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, Protocol
 
 import gymnasium
@@ -21,7 +20,6 @@ from stiction_envs.arrays import Array, Bools
 from stiction_envs.envs.gym_env import ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.episodes import Options
-from stiction_envs.measured.csv_text import write_lines
 
 AnyEnv = gymnasium.Env | VectorEnv
 State = tuple[NDArray[np.generic], ...]
@@ -143,12 +141,6 @@ def evaluate(
             row |= core.columns(measures | {name: values[k] for name, values in last.items()})
         going[ids[over]] = False
     return rows
-
-
-def write_rows(path: str | Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Write rows, all with the columns of the first, as CSV; floats read back bit for bit."""
-    columns = tuple(rows[0])
-    write_lines(path, columns, [[row[name] for name in columns] for row in rows])
 
 
 def _begun(seed: int, what: Row) -> Row:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.csv_text import write_rows
 from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
@@ -109,11 +109,11 @@ class Report(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``conformance.csv``: a joint in a row, what it did under both loads."""
-        rows = self.to_json()["rows"]
-        cells = [
-            [("no", "yes")[x] if isinstance(x, bool) else x for x in row.values()] for row in rows
+        rows = [
+            {k: ("no", "yes")[x] if isinstance(x, bool) else x for k, x in row.items()}
+            for row in self.to_json()["rows"]
         ]
-        write_lines(folder / "conformance.csv", tuple(rows[0]), cells)
+        write_rows(folder / "conformance.csv", rows)
 
     def __repr__(self) -> str:
         n = sum(j.passed for j in self.joints)

@@ -10,7 +10,7 @@ import io
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from numbers import Integral
@@ -250,6 +250,12 @@ def header_of(path: str | os.PathLike[str]) -> list[str]:
 def write_lines(path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Cells]) -> None:
     """Write a table at once; floats by ``repr``, so that they read back bit for bit."""
     write_text_atomic(path, table_text(header, rows))
+
+
+def write_rows(path: str | os.PathLike[str], rows: Sequence[Mapping[str, object]]) -> None:
+    """Write rows of cells by column, as `write_lines`; a cell that a row lacks is empty."""
+    header = list(dict.fromkeys(name for row in rows for name in row))
+    write_lines(path, header, [[row.get(name, "") for name in header] for row in rows])
 
 
 def table_text(header: Sequence[str], rows: Iterable[Cells]) -> str:

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from stiction_envs.dither.tables import shipped_table
 from stiction_envs.envs.agents import AGENTS, GatedTable
-from stiction_envs.envs.evaluation import PolicyLike, evaluate, write_rows
+from stiction_envs.envs.evaluation import PolicyLike, evaluate
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.csv_text import write_rows
 from stiction_envs.measured.tables import read_amplitudes
 from stiction_envs.reporting.markdown import aligned, number
 from tuning.names import EPISODES, GATED, POLICIES

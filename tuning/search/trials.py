@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from optuna.trial import FrozenTrial, TrialState
 
-from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.csv_text import write_rows
 from tuning.study.record import CONSTRAINTS, LIMITS, Record
 
 
@@ -62,5 +62,4 @@ def write_trials(
         row |= {"state": t.state.name.lower(), "allowed": int(bool(t.values) and allowed(t))}
         row |= {f"value_{k}": v for k, v in enumerate(t.values or ())}
         rows.append(row | {f"parameter_{k}": v for k, v in t.params.items()} | measures)
-    header = list(dict.fromkeys(name for row in rows for name in row))
-    write_lines(path, header, [tuple(row.get(name, "") for name in header) for row in rows])
+    write_rows(path, rows)

@@ -17,9 +17,9 @@ from stiction_envs.experiments.gte.rows import (
     error_rows,
     run_row,
     write_points,
-    write_rows,
     write_trace,
 )
+from stiction_envs.measured.csv_text import write_rows
 from stiction_envs.reporting.markdown import aligned, number, percent, plural, short, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
@@ -57,9 +57,9 @@ class TrackingErrors(Result):
         """Write ``errors.csv``, ``runs.csv``, ``points.csv``, ``trace.csv``, plots and report."""
         from stiction_envs.experiments.gte import plots
 
-        runs = [r for r, _ in self.runs]
-        write_rows(folder / "errors.csv", self.rows)
-        write_rows(folder / "runs.csv", self.run_rows)
+        runs, tables = [r for r, _ in self.runs], self.to_json()
+        write_rows(folder / "errors.csv", tables["rows"])
+        write_rows(folder / "runs.csv", tables["runs"])
         write_points(folder / "points.csv", self.runs)
         write_trace(folder / "trace.csv", runs)
         plots.plot_path_xy(runs, folder / "path_xy.png", robot=self.robot)

@@ -1,8 +1,8 @@
 """Runs of the Generated Trajectory Experiment as table rows; the thesis's settings."""
 
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -124,12 +124,6 @@ def _key(case: Case, robot: str) -> dict[str, Any]:
         "stiffness_nullspace": kn,
         "case": case_name(case),
     }
-
-
-def write_rows(path: str | os.PathLike[str], rows: Sequence[ErrorRow] | Sequence[RunRow]) -> None:
-    """Write rows of one kind, at least one; the fields are the columns, NaN is ``nan``."""
-    table = [asdict(row) for row in rows]
-    write_lines(path, tuple(table[0]), [tuple(row.values()) for row in table])
 
 
 def write_points(path: str | os.PathLike[str], runs: Iterable[tuple[Run, Measures]]) -> None:

@@ -1,12 +1,13 @@
 """Measures of a run, on runs with known numbers."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
 from stiction_envs.experiments.gte import rows as gte_table
 from stiction_envs.experiments.gte.measures import Accumulator, Measures
+from stiction_envs.measured.csv_text import write_rows
 from tests.experiments.gte.made_up import made_up
 
 
@@ -73,8 +74,8 @@ def test_path_of_one_goal_has_no_corner():
 def test_written_tables_have_their_columns(tmp_path):
     run = made_up(constant(*VALUES), dithered=True)
     m = Measures(run)
-    gte_table.write_rows(tmp_path / "errors.csv", gte_table.error_rows(run, m, "panda"))
-    gte_table.write_rows(tmp_path / "runs.csv", [gte_table.run_row(run, m, "panda")])
+    write_rows(tmp_path / "errors.csv", [*map(asdict, gte_table.error_rows(run, m, "panda"))])
+    write_rows(tmp_path / "runs.csv", [asdict(gte_table.run_row(run, m, "panda"))])
     gte_table.write_points(tmp_path / "points.csv", [(run, m)])
     gte_table.write_trace(tmp_path / "trace.csv", [run])
     lines = {p.stem: p.read_text().splitlines() for p in tmp_path.iterdir()}
