@@ -11,7 +11,12 @@ from stiction_envs.gap.servo.findings import joint_causes
 from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import JointFindings, JointProblem, Question, judge
-from stiction_envs.gap.servo.questions import swing_at_rest
+from stiction_envs.gap.servo.questions import (
+    Servo,
+    always_fitted,
+    possible_causes,
+    swing_at_rest,
+)
 from stiction_envs.gap.servo.servo_parameters import NAMES, InServo
 from tests.gap.servo.small_arm import motion, parameters
 
@@ -138,6 +143,16 @@ def test_another_cause_whose_interval_contains_the_nominal_value_is_not_named(mo
     found = _judged(made(stiction=0.9, drop=0.6, stribeck_velocity=0.05))
     assert set(found.causes) == {"coulomb_friction"}
     assert found.fit["drop"] == 0.0
+
+
+def test_a_rotor_is_not_named_where_nothing_sets_the_scale_of_torques() -> None:
+    """A joint without gravity under an unknown servo, which is taken to be five times as stiff."""
+    log, nominal, named = made(), parameters(stiffness=100.0), []
+    for servo in (Servo(), Servo(same=True)):  # the second has the stiffness of other joints
+        always = always_fitted(servo, log, np.zeros(2), nominal, False)
+        question = asked(log, possible_causes(servo, log, ENCODER, False))
+        named.append(set(judge(replace(question, nominal=nominal, always=always)).causes))
+    assert named == [{"damping"}, {"damping", "armature"}]
 
 
 def test_a_small_error_of_a_stated_gain_takes_no_part_of_what_a_cause_takes_off() -> None:
