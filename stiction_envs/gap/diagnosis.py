@@ -5,7 +5,7 @@ logs -> signals -> residual of the nominal model -> significant causes -> parame
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -84,9 +84,10 @@ class Diagnosis(Judgement):
         some = self.data.measured
         return percent_gained(self.nominal_rms[some], self.extended_rms[some])
 
-    def torque(self, joint: int) -> Array:
-        """Return (T,) what the causes add to the nominal torque of a joint (from 0) [N·m]."""
-        return self.predictor.torque(self.terms, self.coefficients, joint)
+    @cached_property
+    def torque(self) -> Array:
+        """(T, n) what the causes add to the nominal torques [N·m]."""
+        return self.predictor.torque(self.terms, self.coefficients)
 
     def cause_torque(self, cause: str) -> Array:
         """Return (T, n) what one cause adds to the nominal torques [N·m]."""

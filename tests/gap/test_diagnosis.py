@@ -61,8 +61,7 @@ def test_friction_feels_the_payload_that_was_found() -> None:
     for name in hidden:
         check_size(case, named[name], 0.02)
     model = model_of(found).extend(found.base)
-    added = np.stack([found.torque(j) for j in range(7)], axis=1)
-    assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
+    assert np.allclose(model.nominal - found.base.nominal, found.torque, atol=0.005)
     again = diagnose_logs(case.logs, "panda", nominal=model_of(found))
     assert [c.name for c in again.causes] == []
     assert np.allclose(again.nominal_rms, found.extended_rms, rtol=0.1)
@@ -87,8 +86,7 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
         assert level == pytest.approx(0.5, abs=0.03)
     # the model file says it all: the same torque, and nothing is left to name
     model = model_of(found).extend(found.base)
-    added = np.stack([found.torque(j) for j in range(7)], axis=1)
-    assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
+    assert np.allclose(model.nominal - found.base.nominal, found.torque, atol=0.005)
     assert [c.name for c in diagnose_logs(logs, arm, nominal=model_of(found)).causes] == []
 
 

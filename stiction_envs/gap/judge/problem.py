@@ -150,13 +150,16 @@ class Problem:
     """Lowest and highest coefficients of each term, (k,) each."""
     _sd: dict[Term, Array] = field(default_factory=dict)
     _count: int = 0
-    _scores: dict[tuple[Term, ...], float] = field(default_factory=dict)
-    _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict)
+    # what was computed of this problem alone: `replace` does not copy it
+    _scores: dict[tuple[Term, ...], float] = field(default_factory=dict, init=False)
+    _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict, init=False)
     _offers: dict[tuple[Term, ...], tuple[Index, Array, float, set[tuple[str, int]]]] = field(
         default_factory=dict
     )
-    _sums: tuple[Array, Array, float] | None = None
-    _last: tuple[tuple[Term, ...], tuple[Array, Array, Array, Array]] | None = None
+    _sums: tuple[Array, Array, float] | None = field(default=None, init=False)
+    _last: tuple[tuple[Term, ...], tuple[Array, Array, Array, Array]] | None = field(
+        default=None, init=False
+    )
     """The last model that was solved, and its solution."""
 
     # ---- terms -------------------------------------------------------------------------------
@@ -231,7 +234,7 @@ class Problem:
 
     def without(self, fold: int) -> Self:
         """Return the problem without the rows of a fold; terms are shared."""
-        return replace(self, held_out=fold, _scores={}, _fits={}, _sums=None, _last=None)
+        return replace(self, held_out=fold)
 
     def only(self, terms: Sequence[Term]) -> Self:
         """Return a problem with the columns of some terms alone, to which others can be added."""
@@ -245,10 +248,6 @@ class Problem:
             odds=dict(self.odds),
             _sd=dict(self._sd),
             bounds=dict(self.bounds),
-            _scores={},
-            _fits={},
-            _sums=None,
-            _last=None,
         )
         out.reweigh(np.stack([x.weight for x in self.channels], axis=1))
         return out
@@ -260,12 +259,8 @@ class Problem:
 
     def split(self, terms: Sequence[Term], c: Array) -> list[Array]:
         """Return the coefficients (..., k) of each term."""
-        out, start = [], 0
-        for term in terms:
-            end = start + len(self.numbers[term])
-            out.append(c[..., start:end])
-            start = end
-        return out
+        ends = np.cumsum([len(self.numbers[t]) for t in terms])
+        return np.split(c, ends, axis=-1)[:-1]
 
     # ---- sums --------------------------------------------------------------------------------
 

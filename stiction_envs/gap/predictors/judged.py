@@ -336,10 +336,8 @@ def held_out(judged: Judged, say: Callable[[float], None] = lambda _: None) -> A
         search.problem.given(best.inflation, best.scales)
         model = climbed(predictor, search, plain_friction(predictor), swaps=False)
         terms = search.problem.model(model.terms)
-        c = search.problem.fit(terms)
-        for j in range(data.n):
-            left = data.residual[:, j] - predictor.torque(terms, c, j)
-            total[j] += float(np.square(left[rows]).sum())
+        left = data.residual - predictor.torque(terms, search.problem.fit(terms))
+        total += [float(np.square(x).sum()) for x in left[rows].T]
     return np.sqrt(total / max(int((predictor.fold >= 0).sum()), 1))
 
 

@@ -133,8 +133,7 @@ def _left(judged: Judged, c: Array, *, logged: bool = False) -> Array:
     """
     data = judged.predictor.data
     residual = data.logged_residual if logged else data.residual
-    each = [residual[:, j] - judged.predictor.torque(judged.terms, c, j) for j in range(data.n)]
-    return rms(np.stack(each, axis=1))
+    return rms(residual - judged.predictor.torque(judged.terms, c))
 
 
 def _against_newton_metres(judged: Judged, gains: Sequence[Term]) -> float:

@@ -163,22 +163,21 @@ class TorquePredictor:
         As if errors of the model did not last: only the variance's shape over the rows matters.
         """
         terms, kept = self.problem.model(model.terms), self.fold >= 0
-        c, out = self.problem.fit(terms), np.empty((self.data.n, 2))
+        left, out = self.left(terms), np.empty((self.data.n, 2))
         for j in range(self.data.n):
-            square = np.square(self.data.residual[:, j] - self.torque(terms, c, j))[kept]
-            best = -np.inf
+            square, best = np.square(left[kept, j]), -np.inf
             for share, delay in product(SHARES, DELAYS):
                 steady = self._variance(j, share, 0.0)[kept]
                 late = np.square(delay * self._slope[kept, j])
 
-                def left(
+                def beyond(
                     size: float, square: Array = square, steady: Array = steady, late: Array = late
                 ) -> float:
                     return float((square / (size * steady + late)).mean()) - 1
 
                 most = float((square / steady).mean())
-                size = brentq(left, 1.0, 2 * most, rtol=SIZED) if left(1.0) > 0 else 1.0
-                likely = -float(np.log(size * steady + late).mean()) - left(size)
+                size = brentq(beyond, 1.0, 2 * most, rtol=SIZED) if beyond(1.0) > 0 else 1.0
+                likely = -float(np.log(size * steady + late).mean()) - beyond(size)
                 if likely > best:
                     best, out[j] = likely, (share, delay / np.sqrt(size))
         return out
@@ -186,10 +185,10 @@ class TorquePredictor:
     def lasting(self, model: Model) -> Array:
         """Return (n,) r: how many observations share an error of a model, in time and place."""
         terms, kept = self.problem.model(model.terms), np.flatnonzero(self.fold >= 0)
-        c, often = self.problem.fit(terms), repeats(self.data, self.rows)
+        left, often = self.left(terms), repeats(self.data, self.rows)
         out = np.empty(self.data.n)
         for j, channel in enumerate(self.problem.channels):
-            error = (self.data.residual[:, j] - self.torque(terms, c, j)) * np.sqrt(channel.weight)
+            error = left[:, j] * np.sqrt(channel.weight)
             torque, block = self.data.nominal[kept, j], self.data.block[kept]
             out[j] = often * lasting(error[kept], torque, block, round(self.rows))
         return out
@@ -269,11 +268,7 @@ class TorquePredictor:
             for t in self.candidates
             if self.causes[t.cause].adds_to in PLAIN and t.part == PARTS[0] and t.joint != ARM
         ]
-        model = self.problem.model(plain)
-        c, data = self.problem.fit(model), self.data
-        return np.stack(
-            [data.residual[:, j] - self.torque(model, c, j) for j in range(data.n)], axis=1
-        )
+        return self.left(self.problem.model(plain))
 
     def affected_joints(self, term: Term) -> list[int]:
         """Return the joints (from 0) whose torques a term acts on."""
@@ -336,22 +331,22 @@ class TorquePredictor:
         columns = self.problem.channels[joint].columns(self.problem.numbers[term])
         return columns.T.astype(np.float64)
 
-    def torque(self, terms: Sequence[Term], c: Array, joint: int) -> Array:
-        """Return (T,) torque of a model with coefficients (P,) on a joint [N·m]."""
-        out = np.zeros(len(self.data.q))
+    def torque(self, terms: Sequence[Term], c: Array) -> Array:
+        """Return (T, n) torque of a model with coefficients (P,) [N·m]."""
+        out = np.zeros_like(self.data.q)
         for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
-            if joint in self.affected_joints(term):
-                out += self.columns(term, joint) @ mine
+            for j in self.affected_joints(term):
+                out[:, j] += self.columns(term, j) @ mine
         return out
 
     def torques(self, terms: Sequence[Term], c: Array) -> dict[Term, Array]:
         """Return the torque (T, n) of each term of a model with coefficients (P,) [N·m]."""
-        out = {}
-        for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
-            out[term] = np.zeros_like(self.data.q)
-            for j in self.affected_joints(term):
-                out[term][:, j] = self.columns(term, j) @ mine
-        return out
+        parts = self.problem.split(terms, c)
+        return {t: self.torque([t], mine) for t, mine in zip(terms, parts, strict=True)}
+
+    def left(self, terms: Sequence[Term]) -> Array:
+        """Return (T, n) the residual torque that the best fit of a model leaves [N·m]."""
+        return self.data.residual - self.torque(terms, self.problem.fit(terms))
 
     def information(self) -> Array:
         """Return (n,) number of independent observations over their variance [1/(N·m)²]."""

@@ -118,7 +118,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, plots: Path) -> str:
         term = next(
             t for t in d.terms if t.cause == cause.name and t.joint in (j, ARM) and not t.small
         )
-        after, alone, speed = data.residual[:, j] - d.torque(j), effect[:, j], data.dq[:, j]
+        after, alone, speed = data.residual[:, j] - d.torque[:, j], effect[:, j], data.dq[:, j]
         x = alone if view.of is None else view.of(data, j, term.shape).astype(np.float64)
         rows = np.abs(x) < (np.inf if view.limit is None else view.limit(term.shape))
         rows &= (np.abs(speed) > 1e-3) | (not view.folded)

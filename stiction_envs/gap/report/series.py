@@ -63,7 +63,6 @@ class Series:
 def log_series(d: Diagnosis) -> Series:
     """Return the series of joint logs: filtered torques, all models along the measured motion."""
     data = d.data
-    extended = data.nominal + np.stack([d.torque(j) for j in range(data.n)], axis=1)
     time = common_time(data.recording.t, data.recording.log, d.logs)
     at = np.arange(len(time))[:: _step(len(time))]
     return Series(
@@ -71,7 +70,7 @@ def log_series(d: Diagnosis) -> Series:
         time=time[at],
         measured=data.tau[at],
         nominal=data.nominal[at],
-        simulated=extended[at],
+        simulated=(data.nominal + d.torque)[at],
         q=data.q[at],
         dq=data.dq[at],
         at_rest=not np.isfinite(data.dt),

@@ -65,13 +65,11 @@ class TableProblem(Problem):
     channels: list[Cells]  # type: ignore[assignment]
     sizes: tuple[int, ...] = ()
     """Numbers of each joint's sizes of the errors; () where each model has the likeliest."""
-    _known: dict[tuple[int, tuple[int, ...]], Array] = field(default_factory=dict)
+    _known: dict[tuple[int, tuple[int, ...]], Array] = field(default_factory=dict, init=False)
 
     def on(self, channels: Sequence[Cells], sizes: tuple[int, ...] = ()) -> "TableProblem":
         """Return the same terms on other channels."""
-        return replace(
-            self, channels=list(channels), sizes=sizes, _scores={}, _fits={}, _known={}, _last=None
-        )
+        return replace(self, channels=list(channels), sizes=sizes)
 
     def take(self, channels: Sequence[Cells]) -> None:
         """Take other columns of the same terms."""

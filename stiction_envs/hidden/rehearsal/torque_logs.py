@@ -71,8 +71,7 @@ class TorqueLogs:
         self.data = own.baseline.extend(own.base)
         self.candidates = {(t.cause, t.joint) for t in own.predictor.candidates}
         self.not_shown = {(x.name, j - 1) for x in own.not_shown for j in x.joints or (0,)}
-        explained = np.stack([own.torque(j) for j in range(own.data.n)], axis=1)
-        self.left = own.data.residual - explained
+        self.left = own.data.residual - own.torque
         self.noise = np.maximum(np.sqrt(np.mean(np.square(self.left), axis=0)), self.data.noise)
         self.whole = np.sqrt(np.mean(np.square(self.data.nominal), axis=0))
         known, found = _dry_friction(own)

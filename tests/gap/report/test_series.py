@@ -28,7 +28,7 @@ def test_a_joint_log_s_series_are_measured_torques_models_and_causes(
         found = {name: read[f"{name}{j}"] for name in ("tau", "tau_nominal", "tau_simulated")}
         np.testing.assert_allclose(found["tau"], d.data.tau[:, j - 1], atol=1e-7)
         np.testing.assert_allclose(found["tau_nominal"], d.data.nominal[:, j - 1], atol=1e-7)
-        simulated = d.data.nominal[:, j - 1] + d.torque(j - 1)  # small errors are in it too
+        simulated = d.data.nominal[:, j - 1] + d.torque[:, j - 1]  # small errors are in it too
         np.testing.assert_allclose(found["tau_simulated"], simulated, atol=1e-7)
         own = d.cause_torque("coulomb_friction")[:, j - 1]
         np.testing.assert_allclose(read[f"coulomb_friction{j}"], own, atol=1e-7)
