@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import TypedDict, Unpack, cast
+from typing import Any, Unpack, cast
 
 from threadpoolctl import threadpool_limits
 
@@ -32,8 +32,8 @@ from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import Naming, Reading, naming_of
 from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_poses
 from stiction_envs.measured.logs.robot_log import RobotLog
-from stiction_envs.measured.logs.sources import Log, LogSources, log_sources, torque_side
-from stiction_envs.reporting.provenance import Provenance, provenance
+from stiction_envs.measured.logs.sources import Log, log_sources, torque_side
+from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, Arm, load_arm
 from stiction_envs.robots.registry import robot_files
 
@@ -151,15 +151,6 @@ def diagnose(
     return by_kind.get(kind, _diagnose_joint_logs)(request)
 
 
-class Origin(TypedDict):
-    """Fields of `DiagnosisResult` that say what it was made from."""
-
-    nominal_name: str
-    sources: LogSources
-    provenance: Provenance
-    threads: int
-
-
 @dataclass(frozen=True)
 class Request:
     """Arguments of `diagnose`, with defaults filled in."""
@@ -203,8 +194,11 @@ class Request:
         payload, tilt, chain = o["payload"], o["tilt"], o["chain"]
         return nominal_of(self.robot, self.nominal, payload=payload, tilt=tilt, chain=chain)
 
-    def origin(self, arm: Arm, side: str) -> Origin:
-        """Return the origin of a result whose torques are of a ``side`` of the gear."""
+    def origin(self, arm: Arm, side: str) -> dict[str, Any]:
+        """Return the fields of `DiagnosisResult` that say what a result was made from.
+
+        Its torques are of a ``side`` of the gear.
+        """
         nominal, calibration = self.nominal, self.options["calibration"]
         sources = log_sources([*self.logs, *self.poses], self.check)
         arguments: dict[str, object] = {

@@ -247,7 +247,7 @@ def _conclude(
         extended_rms = nominal_rms
     terms, c = judged.terms, judged.coefficients
     drawn = draws(judged, DRAWS, seed)
-    doubt = found_factor(drawn, predictor.problem.split(terms, c))
+    doubt = found_factor(drawn)
     drawn = with_earlier(drawn, terms, baseline.parts, seed)
     say("evidence", 0.0)
     named, minor = named_causes(judged, drawn)

@@ -19,18 +19,13 @@ Draws = list[list[tuple[Array, tuple[float, ...]]]]
 """For each term its (coefficients, nonlinear parameters) of every draw."""
 
 
-def found_factor(draws: Draws, c: Sequence[Array]) -> list[Array]:
-    """Return (k, K) rows of F of each term of a diagnosis, by draws of its posterior.
-
-    Args:
-        draws: of the posterior.
-        c: (k,) coefficients of each term.
-    """
+def found_factor(draws: Draws) -> list[Array]:
+    """Return (k, K) rows of F of each term of a diagnosis, by draws of its posterior."""
+    if not draws:
+        return []
     stacked = [np.array([x for x, _ in each]) for each in draws]
-    if not sum(len(x) for x in c):
-        return [np.zeros((len(x), 0)) for x in c]
     spread = np.atleast_2d(np.cov(np.concatenate(stacked, axis=1), rowvar=False))
-    return np.split(root_of(spread), np.cumsum([len(x) for x in c])[:-1])
+    return np.split(root_of(spread), np.cumsum([x.shape[1] for x in stacked])[:-1])
 
 
 def earlier_factor(parts: Sequence[Part], term: Term, size: int) -> Array:
