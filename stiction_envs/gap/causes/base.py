@@ -147,8 +147,6 @@ class Cause:
     """Whether a large delay that is not known yet may look like it."""
     filtered: ClassVar[bool] = True
     """Whether its columns are of signals that passed the filter; else they pass it afterwards."""
-    of_motion: ClassVar[bool] = False
-    """Whether its columns follow from the motion and presliding distances alone."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
     tell_apart: ClassVar[Mapping[str, str]] = {}

@@ -265,7 +265,7 @@ def _given(
         dry = [t for t in terms if own[t.cause].adds_to == DRY or t.cause == bristle]
         rest = np.sum([x for t, x in torques.items() if t not in dry], axis=0)
         data = data.with_presliding(presliding_distances(data.recording, data.residual - rest))
-    after = TorquePredictor(data, given, torques, predictor)
+    after = TorquePredictor(data, given, torques)
     level = data.friction.level.copy()
     for t, mine in shares.items():
         level[t.joint] += float(mine[0]) if own[t.cause].adds_to == DRY else 0.0

@@ -77,7 +77,6 @@ class TorquePredictor:
         data: Data,
         causes: Sequence[Cause],
         found: Mapping[Term, Array] | None = None,
-        before: "TorquePredictor | None" = None,
     ) -> None:
         """Compute all columns; nonlinear causes choose the parameters to try.
 
@@ -86,11 +85,8 @@ class TorquePredictor:
             causes: hypotheses, those with random effects among them.
             found: torque (T, n) of each term of an earlier model, in whose residual nonlinear
                 causes look for their parameters; None for none.
-            before: predictor of the same motion, whose columns are taken over where they are the
-                same; None for none.
         """
-        self._before = before
-        self.data, self.causes, self._found = data, {c.name: c for c in causes}, found
+        self.data, self.causes = data, {c.name: c for c in causes}
         self.candidates: list[Term] = []
         self.volume = 0.0
         self._parts: tuple[Array, dict[Term, Array]] = np.empty(0), {}
@@ -104,8 +100,7 @@ class TorquePredictor:
         self._resting = resting(data)
         self._usual = rms(data.nominal)
         self.expect(self.problem, np.tile((SHARES[1], DELAYS[1]), (data.n, 1)))
-        self._add_candidates()
-        self._found = self._before = None
+        self._add_candidates(found)
 
     # ---- what no model has -------------------------------------------------------------------
 
@@ -195,7 +190,7 @@ class TorquePredictor:
 
     # ---- candidates --------------------------------------------------------------------------
 
-    def _add_candidates(self) -> None:
+    def _add_candidates(self, found: Mapping[Term, Array] | None) -> None:
         """Add small errors and all hypotheses."""
         data = self.data
         for cause in self.causes.values():
@@ -211,15 +206,15 @@ class TorquePredictor:
             if cause.is_linear:
                 left = data.residual[:, max(joint, 0)]
                 self.offer(cause, joint, cause.shapes(data, max(joint, 0), left))
-        if self._found is None:
+        if found is None:
             left = self._left_by_friction()
         else:
-            left = data.residual - np.sum(list(self._found.values()), axis=0)
+            left = data.residual - np.sum(list(found.values()), axis=0)
         for cause, joint in offered:
             if not cause.is_linear:
                 j = max(joint, 0)
                 mine = left[:, j]
-                for term, torque in (self._found or {}).items():
+                for term, torque in (found or {}).items():
                     if (term.cause, term.joint) == (cause.name, joint):
                         mine = mine + torque[:, j]
                 self.offer(cause, joint, cause.shapes(data, j, mine))
@@ -281,28 +276,9 @@ class TorquePredictor:
         if not terms:
             return
         cause, joint = self.causes[terms[0].cause], terms[0].joint
-        same = self._taken_over(cause, terms)
-        new = [t.shape for t in terms if t not in same]
-        made = filtered_columns(cause, self.data, joint, new)
-        for term in terms:
-            if term in same:
-                yield {joint: same[term]}
-                continue
-            x = next(made)
+        for x in filtered_columns(cause, self.data, joint, [t.shape for t in terms]):
             each = {joint: x} if x.ndim == 2 else {j: x[:, j] for j in range(self.data.n)}
             yield {j: np.ascontiguousarray(x.T, dtype=np.float32) for j, x in each.items()}
-
-    def _taken_over(self, cause: Cause, terms: Sequence[Term]) -> dict[Term, NDArray[np.float32]]:
-        """Return the (k, T) columns of a cause on a joint that the predictor before has, too."""
-        before, joint = self._before, terms[0].joint
-        if before is None or not cause.of_motion:
-            return {}
-        then, now = (x.data.friction.presliding_distance[joint] for x in (before, self))
-        if then != now:
-            return {}
-        channel, numbers = before.problem.channels[joint], before.problem.numbers
-        have = [t for t in terms if t in numbers]
-        return {t: channel.columns(numbers[t]) for t in have}
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the causes that a cause needs: none if the nominal model has friction."""

@@ -16,7 +16,6 @@ class CoulombFriction(Cause):
     name: ClassVar[str] = "coulomb_friction"
     what: ClassVar[str] = "dry friction missing or wrong"
     filtered: ClassVar[bool] = False
-    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, at several speeds"
     adds_to: ClassVar[str] = DRY
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)

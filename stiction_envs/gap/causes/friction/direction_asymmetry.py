@@ -22,7 +22,6 @@ class DirectionAsymmetry(Cause):
     name: ClassVar[str] = "direction_asymmetry"
     what: ClassVar[str] = "dry friction differs by direction"
     filtered: ClassVar[bool] = False
-    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "slow motion in both directions with long rests, against an offset"
     )

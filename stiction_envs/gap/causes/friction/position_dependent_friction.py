@@ -36,7 +36,6 @@ class PositionDependentFriction(Cause):
     what: ClassVar[str] = "ripple with joint angle"
     is_linear: ClassVar[bool] = False
     filtered: ClassVar[bool] = False
-    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "slow constant speed over a quarter turn or more, there and back"
     )

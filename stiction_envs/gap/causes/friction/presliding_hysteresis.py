@@ -41,7 +41,6 @@ class PreslidingHysteresis(Cause):
     resembles_delay: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     filtered: ClassVar[bool] = False
-    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "many slow reversals of a few mrad to some tens of mrad"
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (Parameter("bristle_stiffness", "N·m/rad", 0.0),)

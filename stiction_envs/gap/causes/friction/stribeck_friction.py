@@ -29,7 +29,6 @@ class StribeckFriction(Cause):
     what: ClassVar[str] = "extra friction near zero speed"
     is_linear: ClassVar[bool] = False
     filtered: ClassVar[bool] = False
-    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (

@@ -32,7 +32,6 @@ class WarmUpDrift(Cause):
     name: ClassVar[str] = "warm_up_drift"
     what: ClassVar[str] = "friction falls or rises with time or temperature"
     filtered: ClassVar[bool] = False
-    of_motion: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "the same motion repeated for tens of minutes, from cold, on one clock"
     )

@@ -46,7 +46,6 @@ class PositionDependentTorque(Cause):
     )
     is_linear: ClassVar[bool] = False
     shown_at_rest: ClassVar[bool] = True
-    of_motion: ClassVar[bool] = True
     parameters: ClassVar = (
         Parameter("coefficients_nm", "N·m", size=7),
         Parameter("order", "1", size=0),
