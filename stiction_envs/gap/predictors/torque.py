@@ -89,7 +89,6 @@ class TorquePredictor:
         self.data, self.causes = data, {c.name: c for c in causes}
         self.candidates: list[Term] = []
         self.volume = 0.0
-        self._parts: tuple[Array, dict[Term, Array]] = np.empty(0), {}
         self.links_known = data.recording.link_factor is not None
         self.fold = np.where(data.block >= 0, data.block % FOLDS, -1)
         channels = [Channel(data.residual[:, j], self.fold, FOLDS) for j in range(data.n)]
@@ -287,10 +286,7 @@ class TorquePredictor:
     def possible(self, problem: Problem, terms: Sequence[Term], term: Term) -> bool:
         """Return whether a term's value in a model is one that its cause can have."""
         model = problem.model(terms)
-        c = problem.fit(model)
-        if c is not self._parts[0]:  # all terms of a model are asked for in turn
-            self._parts = c, dict(zip(model, problem.split(model, c), strict=True))
-        parts = self._parts[1]
+        parts = dict(zip(model, problem.split(model, problem.fit(model)), strict=True))
         cause, mine = self.causes[term.cause], parts[term]
         level = sum(
             float(c[0])
