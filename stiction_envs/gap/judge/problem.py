@@ -153,9 +153,7 @@ class Problem:
     # what was computed of this problem alone: `replace` does not copy it
     _scores: dict[tuple[Term, ...], float] = field(default_factory=dict, init=False)
     _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict, init=False)
-    _offers: dict[tuple[Term, ...], tuple[Index, Array, float, set[tuple[str, int]]]] = field(
-        default_factory=dict
-    )
+    _offers: dict[tuple[Term, ...], tuple[Index, Array, float]] = field(default_factory=dict)
     _sums: tuple[Array, Array, float] | None = field(default=None, init=False)
     _last: tuple[tuple[Term, ...], tuple[Array, Array, Array, Array]] | None = field(
         default=None, init=False
@@ -394,8 +392,8 @@ class Problem:
             index = np.array([each[k][0] for k in which])
             variance = np.array([each[k][1] for k in which])
             for row, k in enumerate(which):
-                if not small.keys().isdisjoint(each[k][3]):
-                    some = offers[int(k)]
+                some = offers[int(k)]
+                if any(t[:2] in small for t in some):
                     variance[row] = np.concatenate(
                         [self._beside(t, small.get(t[:2])) for t in some]
                     )
@@ -407,12 +405,12 @@ class Problem:
             out[which] = 0.5 * (value - np.linalg.slogdet(unit)[1])
         return out - np.array([x[2] for x in each])
 
-    def _offer(self, some: tuple[Term, ...]) -> tuple[Index, Array, float, set[tuple[str, int]]]:
-        """Return numbers and prior variances of some terms, the odds against them, and of what."""
+    def _offer(self, some: tuple[Term, ...]) -> tuple[Index, Array, float]:
+        """Return numbers and prior variances of some terms, and the odds against them."""
         if some not in self._offers:
             variance = np.concatenate([np.square(self.sd(t)) for t in some])
             odds = sum(self.odds[t] for t in some)
-            self._offers[some] = self.at(some), variance, odds, {(t.cause, t.joint) for t in some}
+            self._offers[some] = self.at(some), variance, odds
         return self._offers[some]
 
     def _beside(self, term: Term, small: Array | None) -> Array:

@@ -188,17 +188,14 @@ def _undone(log: JointLog, lag: Lag, text: str) -> JointLog:
     """Return a log with torques moved forward in time; each segment loses its end."""
     (delay, lowpass), tau = lag, np.array(log.tau)
     done = Correction(kind="lag", rows=len(log.t), text=text, lag=lag)
-    keep = np.zeros(len(log.t), bool)
-    for rows in log.segments:
-        t, torque = log.t[rows], log.tau[rows]
+    keep, segment = np.zeros(len(log.t), bool), np.zeros(len(log.t), np.int64)
+    for number, rows in enumerate(log.segments):
+        t, torque, segment[rows] = log.t[rows], log.tau[rows], number
         if len(t) < 8:
             continue
         sharp = torque + lowpass * np.gradient(torque, t, axis=0)
         tau[rows] = np.stack([np.interp(t + delay, t, x) for x in sharp.T], axis=1)
         keep[rows] = t + delay <= t[-1]
-    number = np.zeros(len(log.t), np.int64)
-    number[list(log.breaks)] = 1
-    number = np.cumsum(number)[keep]
     return dataclasses.replace(
         log,
         t=log.t[keep],
@@ -206,7 +203,7 @@ def _undone(log: JointLog, lag: Lag, text: str) -> JointLog:
         dq=None if log.dq is None else log.dq[keep],
         tau=tau[keep],
         extra={k: v[keep] for k, v in log.extra.items()},
-        breaks=tuple(int(i) for i in np.flatnonzero(np.diff(number)) + 1),
+        breaks=tuple(int(i) for i in np.flatnonzero(np.diff(segment[keep])) + 1),
         corrections=(*log.corrections, done),
     )
 
