@@ -284,34 +284,30 @@ def sharpened(predictor: TorquePredictor, model: Model) -> Model:
     """Return the model with nonlinear parameters refined on its score, one after the other."""
     problem, terms = predictor.problem, list(model.terms)
     alone = problem.only(problem.model(terms))
-    for i, term in enumerate(terms):
+
+    def moved(log: float, i: int) -> list[Term]:
+        out = terms[i]._replace(shape=(float(np.exp(log)), *terms[i].shape[1:]))
+        if out not in alone.numbers:
+            predictor.add(alone, out._replace(part=PARTS[0]))
+            alone.odds[out] = problem.odds[terms[i]]
+        return [*terms[:i], out, *terms[i + 1 :]]
+
+    def loss(log: float, i: int) -> float:
+        return -alone.score(moved(log, i))
+
+    for i, term in enumerate(model.terms):
         cause = predictor.causes[term.cause]
         grid = cause.grid(predictor.data, term.joint)
         if not term.shape or not len(grid):
             continue
         at = np.searchsorted(grid, [term.shape[0] * (1 - SAME), term.shape[0] * (1 + SAME)])
         ends = np.log([grid[max(at[0] - 1, 0)], grid[min(at[1], len(grid) - 1)]])
-
-        def moved(log: float, term: Term = term) -> Term:
-            out = term._replace(shape=(float(np.exp(log)), *term.shape[1:]))
-            if out not in alone.numbers:
-                predictor.add(alone, out._replace(part=PARTS[0]))
-                alone.odds[out] = problem.odds[term]
-            return out
-
-        def loss(
-            log: float,
-            i: int = i,
-            moved: Callable[[float], Term] = moved,
-            rest: tuple[Term, ...] = tuple(terms),
-        ) -> float:
-            return -alone.score([*rest[:i], moved(log), *rest[i + 1 :]])
-
+        options = {"xatol": 0.02, "maxiter": 8}
         found = minimize_scalar(
-            loss, bounds=tuple(ends), method="bounded", options={"xatol": 0.02, "maxiter": 8}
+            loss, args=(i,), bounds=tuple(ends), method="bounded", options=options
         )
         if -found.fun > alone.score(terms):
-            terms[i] = moved(float(found.x))
+            terms = moved(float(found.x), i)
             predictor.offer(cause, term.joint, [terms[i].shape])
             problem.odds[terms[i]] = problem.odds[term]
     if tuple(terms) == model.terms:
