@@ -92,9 +92,6 @@ class Search(Generic[P]):
         self.problem, self.candidates = problem, list(candidates)
         self.needs, self.refresh, self.possible = needs, refresh, possible
         self._plain = {(t.cause, t.joint): t for t in reversed(self.candidates)}
-        self._of_joint: dict[int, list[Term]] = {}
-        for term in self.candidates:
-            self._of_joint.setdefault(term.joint, []).append(term)
 
     def climb(self, start: Sequence[Term], *, swaps: bool = True) -> Model:
         """Return the best model that steps from a start reach; ``swaps`` take most of the time."""
@@ -180,7 +177,7 @@ class Search(Generic[P]):
         rest = [t for t in terms if t not in mine]
         have = {t[:2] for t in (rest if reshaped else terms)}
         joints = {t.joint for t in mine} | {ARM}
-        near = [t for j in sorted(joints) for t in self._of_joint.get(j, [])]
+        near = [t for j in sorted(joints) for t in self.candidates if t.joint == j]
         gone, left = {t[:2] for t in mine}, {t[:2] for t in rest}
         added = []
         for term in self.candidates if mine[0].joint == ARM else near:
@@ -191,19 +188,15 @@ class Search(Generic[P]):
                 added.append([*self._needed(term, left), term] if needed else [term])
         if not added:
             return []
-        gains = self.problem.gains(rest, added)
-        if np.isfinite(least) and gains.max() < least - self.problem.score(rest):
-            return []
-        best: dict[str, int] = {}
+        gains, least = self.problem.gains(rest, added), least - self.problem.score(rest)
+        out, seen = list[tuple[float, list[Term]]](), set[str]()
         for k in np.argsort(-gains, kind="stable"):
-            best.setdefault(added[k][-1].cause, int(k))
-        out = []
-        for k in list(best.values())[:SHORTLIST]:
-            model = [*rest, *added[k]]
-            if gains[k] < least - self.problem.score(rest):
+            if gains[k] < least or len(seen) == SHORTLIST:
                 break
-            if self.possible(self.problem, model, added[k][-1]):
+            model, cause = [*rest, *added[k]], added[k][-1].cause
+            if cause not in seen and self.possible(self.problem, model, added[k][-1]):
                 out.append((self.problem.score(model), model))
+            seen.add(cause)
         return out
 
     def _swapped(self, terms: Sequence[Term], now: float) -> list[Term] | None:
