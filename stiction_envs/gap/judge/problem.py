@@ -150,10 +150,10 @@ class Problem:
     """Lowest and highest coefficients of each term, (k,) each."""
     _sd: dict[Term, Array] = field(default_factory=dict)
     _count: int = 0
+    _offers: dict[tuple[Term, ...], tuple[Index, Array, float]] = field(default_factory=dict)
     # what was computed of this problem alone: `replace` does not copy it
     _scores: dict[tuple[Term, ...], float] = field(default_factory=dict, init=False)
     _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict, init=False)
-    _offers: dict[tuple[Term, ...], tuple[Index, Array, float]] = field(default_factory=dict)
     _sums: tuple[Array, Array, float] | None = field(default=None, init=False)
     _last: tuple[tuple[Term, ...], tuple[Array, Array, Array, Array]] | None = field(
         default=None, init=False
