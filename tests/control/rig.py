@@ -86,15 +86,13 @@ class Controllers(CartesianImpedance):
 class Rig:
     """One frictionless arm without gravity under its controller, in MuJoCo."""
 
-    def __init__(
-        self, robot: str = "panda", *, dt: float = 1e-3, rotor: float = ROTOR, **settings: object
-    ) -> None:
+    def __init__(self, robot: str = "panda", *, dt: float = 1e-3, **settings: object) -> None:
         self.arm = load_arm(robot)
         self.model = self.arm.model()
         self.model.opt.timestep = dt
         self.model.opt.gravity[:] = 0  # the robot's own gravity compensation, exact
         self.model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        self.model.dof_armature[:] = rotor
+        self.model.dof_armature[:] = ROTOR
         self.data = mujoco.MjData(self.model)
         self.site = self.model.site(self.arm.end_effector).id
         given = ImpedanceSettings(**({"torque_rate": np.inf} | settings))
