@@ -59,7 +59,7 @@ def test_its_angles_are_those_of_the_plant(arm: Arm) -> None:
             parameters(damping=1.5, stiction=0.1, load=0.3, dead_zone=0.01, torque_limit=3.0),
         ]
     )
-    p[0, INDEX["stiffness"]] = 120.0
+    p[0, INDEX["stiffness"]], p[:, INDEX["compensation"]] = 120.0, [0.4, -0.2]
     log = ServoLog(source="plan", t=t, q=command.copy(), dq=None, q_cmd=command)
     (plant,) = simulate_arm(arm, [log], p, np.ones(2), threads=1)
     own = simulate(arm, p, t, command, command[0])

@@ -49,22 +49,6 @@ def test_fine_angles_show_how_fast_motion_couples_the_joints(tmp_path: Path) -> 
         assert np.sqrt(np.mean((alone - q[:, j])[5:-5] ** 2)) < (3e-3, 7e-3)[j]
 
 
-@pytest.mark.parametrize("compensation", [0.0, 1.0])
-def test_an_arm_without_friction_sags_by_its_gravity_less_what_is_compensated(
-    tmp_path: Path, compensation: float
-) -> None:
-    arm, log = two_links(tmp_path), _log()
-    p = joint_parameters(
-        stiffness=400.0, damping=[5.0, 2.0], stiction=0.0, compensation=compensation
-    )
-    none = np.zeros_like(log.q)
-    held = replace(log, q=none, q_cmd=none)
-    q = simulate_arm(arm, [held], p, np.zeros(2), threads=1)[0]
-    for j, m in enumerate(joint_motions(arm, [replace(held, q=q)])):
-        sag = (1.0 - compensation) * m.gravity[-1] / 400.0
-        assert -q[-1, j] == pytest.approx(sag, rel=1e-6, abs=1e-4 * compensation)
-
-
 def test_same_bits_for_one_log_and_for_several_and_any_threads(tmp_path: Path) -> None:
     arm, log, p = two_links(tmp_path), _log(4.0), _both()
     alone = simulate_arm(arm, [log], p, LOAD, threads=1)[0]
