@@ -32,17 +32,6 @@ def test_torque_is_the_printed_law():
     np.testing.assert_allclose(control.error, e, atol=1e-15)
 
 
-def energies(rig: Rig, steps: int, k_n: float = 0.0, q_d: np.ndarray | float = 0.0) -> np.ndarray:
-    """½ q̇ᵀM q̇ + ½ eᵀK e + ½ k_n |q − q_d|² before every step."""
-    out = []
-    for _ in range(steps):
-        look = rig.step()
-        e, dq = rig.control.error[0], look.dq[0]
-        task = e @ rig.control.stiffness[0] @ e + k_n * np.sum((look.q[0] - q_d) ** 2)
-        out.append(0.5 * (dq @ look.mass[0] @ dq + task))
-    return np.array(out)
-
-
 def test_energy_never_grows_without_reference_motion():
     """Passivity: d/dt(½ q̇ᵀM q̇ + ½ eᵀK e) = −(J q̇)ᵀ D J q̇ ≤ 0, through large fast motions."""
     rig = Rig(dt=2e-4, damping_ratio=0.3)
@@ -52,28 +41,14 @@ def test_energy_never_grows_without_reference_motion():
         pose.position + np.array([0.1, 0.15, -0.1]), rotation.multiply(turn, pose[1])
     )
     rig.data.qvel[:] = [0.5, -0.3, 0.4, 0.2, -0.6, 0.5, 0.7]
-    energy = energies(rig, 5000)
+    energy = np.empty(5000)
+    for k in range(len(energy)):
+        look = rig.step()
+        e, dq = rig.control.error[0], look.dq[0]
+        energy[k] = 0.5 * (dq @ look.mass[0] @ dq + e @ rig.control.stiffness[0] @ e)
     # the torque is held for a step: what that lets through is of the order of the step
     assert np.diff(energy).max() < 1e-5 * energy[0]
     assert energy[-1] < 0.5 * energy[0]
-
-
-AWAY = np.array([0.3, 0.1, -0.3, 0.0, 0.15, 0.0, 0.0])
-"""A nullspace configuration as far from the rest pose [rad]."""
-
-
-def test_nullspace_motion_loses_energy_and_leaves_the_flange():
-    """Eq. 2.17: P τ_0 does not accelerate the flange; ½ q̇ᵀM q̇ + ½ k_n |q − q_d|² only falls.
-
-    What is left, under 0.1 mm, is the centripetal part J̇ q̇, which no projector sees.
-    """
-    rig = Rig(dt=2e-4, nullspace_stiffness=5.0)
-    pose = rig.look()
-    rig.control.reset(np.arange(1), pose.position, pose.quaternion, rig.arm.rest[None] + AWAY)
-    energy = energies(rig, 10000, 5.0, rig.arm.rest + AWAY)
-    assert np.diff(energy).max() < 1e-5 * energy[0]
-    assert np.abs(rig.data.qpos - rig.arm.rest).max() > 0.15
-    assert np.abs(rig.control.error[0]).max() < 1e-4
 
 
 def test_inertia_and_a_projector_that_does_not_accelerate_the_flange():

@@ -82,16 +82,6 @@ def test_consistent_links_lie_nearer_to_the_truth_than_the_nominal(found, true):
     assert np.linalg.norm(ours) < 1.2 * np.linalg.norm(free)
 
 
-def test_rotors_are_seen_in_front_of_the_gear(panda, motion):
-    """Joint 7's rotor stands apart from its link only through other joints' motion."""
-    q, dq, ddq = motion.state(motion.times(RATE))
-    rotor = np.array([0.6, 0.6, 0.5, 0.5, 0.2, 0.2, 0.2])
-    log = excited.log(panda, (q, dq, ddq), RATE, noise=0.02, seed=0)
-    seen = identify([dataclasses.replace(log, tau=log.tau + rotor * ddq)], panda)
-    assert seen.rotor is not None
-    np.testing.assert_allclose(seen.rotor[2:], rotor[2:], rtol=0.3)
-
-
 def test_says_what_is_hardly_excited(panda):
     """Joints 1 and 2 at rest: their friction and link 2 are not in the torques."""
     reach = np.array([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5])
