@@ -21,6 +21,7 @@ from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
+from tests.gap.servo.test_control_loops import pendulum_log
 from tests.gap.small_logs import motion, write_model
 from tests.robots.arms import chain
 
@@ -175,13 +176,13 @@ def test_a_pendulum_under_a_position_servo(tmp_path: Path):
         '<body name="tip" pos="0 0 -0.2"><joint name="wrist" axis="1 0 0" range="-3 3"/>'
         '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/></body>'
     )
-    t, command, q = _pendulum()
+    alone = pendulum_log(kp=15.0, kd=0.3, friction=0.08, rotor=0.01, seconds=30.0)
     known = {"servo_stiffness": [15.0], "servo_damping": [0.3]}
     for joints, text in ((1, one.format(more="", tip="")), (2, one.format(more="", tip=tip))):
         path = tmp_path / f"pendulum{joints}.xml"
         path.write_text(text, "utf-8")
-        angles, q_cmd = (np.stack([x, 0 * t][:joints], axis=1) for x in (q, command))
-        log = ServoLog(source="x", t=t, q=angles, dq=None, breaks=(), q_cmd=q_cmd)
+        still = np.zeros((len(alone.t), joints - 1))
+        log = replace(alone, q=np.hstack([alone.q, still]), q_cmd=np.hstack([alone.q_cmd, still]))
         found = diagnose(log, path, **known)
         (friction,) = (c for c in found.causes if c.name == "coulomb_friction")
         low, high = friction.parameters[1]["coulomb_nm"].ci95
@@ -190,21 +191,5 @@ def test_a_pendulum_under_a_position_servo(tmp_path: Path):
         later = diagnose(log, path, nominal=tmp_path / f"d{joints}" / "model.toml")
         assert later.verdict == "no discrepancy"
     path.write_text(one.format(more='armature="0.01" frictionloss="0.08"', tip=""), "utf-8")
-    log = replace(log, q=log.q[:, :1], q_cmd=log.q_cmd[:, :1])
-    names = {c.name for c in diagnose(log, path, **known).causes}
+    names = {c.name for c in diagnose(alone, path, **known).causes}
     assert not names & {"coulomb_friction", "armature"}
-
-
-def _pendulum() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, command and encoder angle of a pendulum of 0.741 kg at 0.15 m, kp 15, kd 0.3."""
-    step, inertia = 1e-3, 0.741 * 0.15**2 + 1e-3 + 0.01
-    t = np.arange(0, 30, step)
-    command = 0.9 * np.sin(2 * np.pi * 0.2 * t) + 0.5 * np.sin(2 * np.pi * 0.47 * t)
-    q, angle, speed = np.empty_like(t), 0.0, 0.0
-    for k, asked in enumerate(command):
-        torque = 15 * (asked - angle) - 0.3 * speed - 0.741 * 9.81 * 0.15 * np.sin(angle)
-        speed += step * (torque - 0.08 * np.tanh(speed / 0.005)) / inertia
-        angle += step * speed
-        q[k] = angle
-    encoder = 2 * np.pi / 4096
-    return t[::10], command[::10], encoder * np.round(q[::10] / encoder)

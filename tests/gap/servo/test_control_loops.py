@@ -24,7 +24,7 @@ STEP, ENCODER = 1e-3, 2 * np.pi / 4096
 KNOWN, UNKNOWN = Servo(stiffness=np.array([KP]), damping=np.array([KD])), Servo()
 
 
-def _commands(seconds: float = 60.0) -> Array:
+def _commands(seconds: float) -> Array:
     """Return (T,) angles, 10 ms apart: slow waves, goals with rests, waves of two frequencies."""
     t = np.arange(0.0, seconds, 0.01)
     goals = np.random.default_rng(1).uniform(-0.6, 0.6, 40)
@@ -38,7 +38,7 @@ def _commands(seconds: float = 60.0) -> Array:
     return np.asarray(0.5 + smooth)
 
 
-def _log(
+def pendulum_log(
     *,
     kp: float = KP,
     kd: float = KD,
@@ -48,9 +48,10 @@ def _log(
     friction: float = 0.0,
     share: float = 0.0,
     rotor: float = 0.0,
+    seconds: float = 60.0,
 ) -> ServoLog:
     """Return a log of the pendulum; its feedback of position is ``late`` ms old."""
-    command = _commands()
+    command = _commands(seconds)
     speed = feed_forward * np.gradient(command, 0.01)
     inertia = 1.03 * INERTIA + rotor  # links are off by 3 %
     q, v = np.full(10 * len(command) + late, command[0]), 0.0
@@ -85,9 +86,9 @@ def _interval(d: ServoDiagnosis, cause: str, key: str) -> tuple[float, float]:
 
 
 def test_the_right_gains_leave_nothing_but_friction(tmp_path: Path) -> None:
-    d = _diagnosed(tmp_path, _log())
+    d = _diagnosed(tmp_path, pendulum_log())
     assert d.verdict == "no discrepancy"
-    d = _diagnosed(tmp_path, _log(friction=0.15))
+    d = _diagnosed(tmp_path, pendulum_log(friction=0.15))
     assert [c.name for c in d.causes] == ["coulomb_friction"]
     low, high = _interval(d, "coulomb_friction", "coulomb_nm")
     assert low < 0.15 < high < 1.3 * low
@@ -96,7 +97,7 @@ def test_the_right_gains_leave_nothing_but_friction(tmp_path: Path) -> None:
 @pytest.mark.parametrize("heavier", [0.01, 1000.0])
 def test_an_arm_of_another_size_has_the_same_causes(tmp_path: Path, heavier: float) -> None:
     """Its motion is the same if its masses, servos and friction all grow alike."""
-    log = _log(friction=0.15)
+    log = pendulum_log(friction=0.15)
     one, other = (_diagnosed(tmp_path, log, UNKNOWN, size) for size in (1.0, heavier))
     assert [c.name for c in other.causes] == [c.name for c in one.causes]
     assert {"servo_stiffness", "coulomb_friction", "damping"} == {c.name for c in one.causes}
@@ -107,7 +108,7 @@ def test_an_arm_of_another_size_has_the_same_causes(tmp_path: Path, heavier: flo
 
 def test_a_share_of_gravity_is_the_strongest_cause(tmp_path: Path) -> None:
     """Its gain is what the simulation lacks, although links that are off take some of its place."""
-    d = _diagnosed(tmp_path, _log(share=0.6, friction=0.05))
+    d = _diagnosed(tmp_path, pendulum_log(share=0.6, friction=0.05))
     assert [c.name for c in d.causes] == ["gravity_compensation_missing", "coulomb_friction"]
     assert d.causes[0].gain_percent > 50
     low, high = _interval(d, "gravity_compensation_missing", "share")
@@ -115,14 +116,14 @@ def test_a_share_of_gravity_is_the_strongest_cause(tmp_path: Path) -> None:
 
 
 def test_gravity_that_is_compensated_sags_no_joint_of_unknown_gains(tmp_path: Path) -> None:
-    d = _diagnosed(tmp_path, _log(share=1.0, friction=0.1), UNKNOWN)
+    d = _diagnosed(tmp_path, pendulum_log(share=1.0, friction=0.1), UNKNOWN)
     assert d.extended_rms < 0.15 * d.nominal_rms
     assert {c.name for c in d.causes} >= {"coulomb_friction"}
     assert "servo_stiffness" not in {c.name for c in d.causes}
 
 
 def test_a_fed_forward_velocity_leads(tmp_path: Path) -> None:
-    log = _log(kd=1.2, feed_forward=1.2, friction=0.15)
+    log = pendulum_log(kd=1.2, feed_forward=1.2, friction=0.15)
     d = _diagnosed(tmp_path, log, Servo(stiffness=np.array([KP]), damping=np.array([1.2])))
     assert d.causes[0].name == "delay"
     assert "servo_stiffness" not in {c.name for c in d.causes}
@@ -133,7 +134,7 @@ def test_a_fed_forward_velocity_leads(tmp_path: Path) -> None:
 
 
 def test_a_fed_forward_velocity_in_the_command_leaves_friction_alone(tmp_path: Path) -> None:
-    log = _log(feed_forward=KD, friction=0.15)
+    log = pendulum_log(feed_forward=KD, friction=0.15)
     followed = log.q_cmd + KD / KP * np.gradient(log.q_cmd, 0.01, axis=0)
     d = _diagnosed(tmp_path, replace(log, q_cmd=followed))
     assert [c.name for c in d.causes] == ["coulomb_friction"]
@@ -143,7 +144,7 @@ def test_a_fed_forward_velocity_in_the_command_leaves_friction_alone(tmp_path: P
 
 def test_a_loop_that_swings_has_no_causes(tmp_path: Path) -> None:
     """A softer servo with a rotor would swing too, but at other times."""
-    log = _log(kp=40.0, kd=0.24, late=20, cap=1.9, rotor=0.3)
+    log = pendulum_log(kp=40.0, kd=0.24, late=20, cap=1.9, rotor=0.3)
     servo = Servo(stiffness=np.array([40.0]), damping=np.array([0.24]))
     d = _diagnosed(tmp_path, log, servo)
     assert np.ptp(log.q[-500:] - log.q_cmd[-500:]) > 0.3
@@ -152,7 +153,7 @@ def test_a_loop_that_swings_has_no_causes(tmp_path: Path) -> None:
 
 
 def test_a_cap_that_ends_the_swings_is_the_torque_limit(tmp_path: Path) -> None:
-    log = _log(kp=40.0, kd=1.6, late=20, cap=1.9, rotor=0.3)
+    log = pendulum_log(kp=40.0, kd=1.6, late=20, cap=1.9, rotor=0.3)
     servo = Servo(stiffness=np.array([40.0]), damping=np.array([1.6]))
     d = _diagnosed(tmp_path, log, servo)
     assert d.causes[0].name == "torque_limit"
