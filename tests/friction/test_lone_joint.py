@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stiction_envs.friction.lone_joint import LoneJoints, breakaway, bristle_after
+from stiction_envs.friction.lone_joint import LoneJoints, breakaway
 from stiction_envs.friction.parameters import bristle_damping
 from stiction_envs.hidden.friction_law import LuGre
 from tests.hidden.one_joint import simulate_joint
@@ -142,20 +142,3 @@ def test_fast_dither_takes_friction_away_as_averaging_says():
     c = joints(**DRY, stiction=1.0, amplitude=amplitude, frequency=frequency, ramp_rate=rate)
     found = breakaway(c, threshold=THRESHOLD, longest=40.0)
     np.testing.assert_allclose(found, theory, rtol=0.05)
-
-
-@pytest.mark.parametrize(
-    ("speed", "start"), [(-0.5, 4e-4), (0.02, 0.0), (0.004, -6e-4), (-1e-6, 6e-4)]
-)
-def test_a_step_of_the_bristle_is_the_exact_one_of_the_law(speed: float, start: float) -> None:
-    law = LuGre(
-        stiction=0.6,
-        coulomb=0.5,
-        stribeck_velocity=0.01,
-        bristle_stiffness=1000.0,
-        bristle_damping=8.0,
-        viscous=0.2,
-    )
-    decay = abs(speed) * 1000.0 / law.level(speed) * 1e-3
-    found = bristle_after(start, speed, decay, 1e-3)
-    assert found == pytest.approx(law.advance(start, speed, 1e-3), rel=1e-9)

@@ -13,23 +13,19 @@ from stiction_envs.control.compensation import (
 )
 from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.control.laws import LAWS, base
-from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
+from tests.friction.gyro import law_of, sticking
 
 H = 1e-3
-JOINT = 6
 
 
-def torque(
-    c: Compensation, state: np.ndarray | None = None, joint: int = 0, **values: float
-) -> float:
-    """Torque of a joint (from 0) by the law of ``c``, which sees ``values`` and 0 besides."""
+def torque(c: Compensation, state: np.ndarray | None = None, **values: float) -> float:
+    """Torque of the first joint by the law of ``c``, which sees ``values`` and 0 besides."""
     state, seen = np.zeros(1) if state is None else state, np.zeros(base.SEEN)
     for name, value in values.items():
         seen[getattr(base, name)] = value
-    return LAWS[c.kind].torque(c.packed()[joint], seen, state, H)
+    return LAWS[c.kind].torque(c.packed()[0], seen, state, H)
 
 
 def of(kind: str, **numbers: float) -> Compensation:
@@ -83,45 +79,19 @@ def test_push_grows_with_the_load():
     assert torque(c.replace(load=0.0), ERROR=1.0, GRAVITY=-20.0) == free
 
 
-def sliding_joint() -> tuple[Plant, Compensation]:
-    """The Panda with a rigid joint 7, all of whose friction the observer knows."""
-    zero = np.zeros(7)
-    friction = load_friction("panda", 7).rigid()
-    friction = friction.replace(
-        load_coefficient=zero,
-        ripple_amplitude=zero,
-        offset=zero,
-        gravity_error=zero,
-        stiction=np.repeat(friction.stiction.mean(axis=1, keepdims=True), 2, axis=1),
-        coulomb_ratio=np.full((7, 2), 0.7),
-        viscous=np.full((7, 2), 0.2),
-    )
-    sticking = build(load_arm("panda"), friction)
-    c = Compensation.from_friction("lugre_observer", friction)
-    c = c.replace(damping=sticking.bristle_damping_of(friction), injection=0.0)
-    return Plant(sticking, 1), c
-
-
-def test_lugre_observer_is_the_plants_bristle_in_steady_sliding():
-    """Started at 0 while the joint slides, it comes to the plant's deflection and its force."""
-    plant, c = sliding_joint()
-    speed, start, state, found = 0.2, plant.position[0, JOINT], np.array([0.0]), []
-
-    def law() -> np.ndarray:
-        out, t = np.zeros((1, 7)), H * len(found)
-        q, dq = plant.position[0, JOINT], plant.velocity[0, JOINT]
-        out[0, JOINT] = 400 * (start + speed * t - q) + 20 * (speed - dq)
-        force = torque(c, state, joint=JOINT, SPEED=dq) if t >= 1.0 else 0.0
-        found.append((out[0, JOINT], force, state[0] - plant.bristle[0, JOINT]))
-        return out
-
-    for _ in range(4000):
-        plant.run(law()[None])
-    applied, force, off = np.array(found).T
-    assert abs(off[1000]) > 0.2 * c.gain[JOINT] / c.numbers["stiffness"][JOINT]
-    assert abs(off[-1]) < 1e-3 * c.gain[JOINT] / c.numbers["stiffness"][JOINT]
-    assert force[-1] == pytest.approx(applied[-1], rel=1e-3)
-    assert force[-1] == pytest.approx(0.7 * c.gain[JOINT] + 0.2 * speed, rel=0.01)
+def test_lugre_observer_is_the_law_of_friction():
+    """Force and deflection of every cycle, at speeds of both directions."""
+    model = sticking(viscous=0.2)
+    law, p = law_of(model, 0), model.parameters
+    c = Compensation.from_friction("lugre_observer", p)
+    c = c.replace(damping=model.bristle_damping_of(p), injection=0.0)
+    state, z = np.zeros(1), 0.0
+    for speed in 0.2 * np.sin(0.003 * np.arange(4000)) ** 3:
+        force = torque(c, state, SPEED=speed)
+        assert force == pytest.approx(law.torque(z, speed), rel=1e-9, abs=1e-12)
+        z = law.advance(z, speed, H)
+        assert state[0] == pytest.approx(z, rel=1e-9, abs=1e-15)
+    assert abs(z) > 0.5 * c.gain[0] / c.numbers["stiffness"][0]
 
 
 def test_lugre_observer_integrates_the_error_up_to_stiction():
