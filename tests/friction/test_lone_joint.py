@@ -53,10 +53,9 @@ def joints(**changes: Any) -> LoneJoints:
 
 
 def reference(c: LoneJoints, hold: int) -> np.ndarray:
-    """Return the same torques from `simulate_joint` at 0.05 ms."""
-    h = 5e-5
-    t = np.arange(50_000) * h
-    held = np.floor(t / (hold * 1e-3) + 1e-9) * hold * 1e-3
+    """Return the same torques from `simulate_joint`."""
+    h = 1e-3
+    held = np.arange(5000) // hold * hold * h
     rate = c.ramp_rate[0]
     command = rate * held[:, None] + c.amplitude * np.sin(2 * np.pi * c.frequency * held[:, None])
     gain = h / (h + 1 / (2 * np.pi * c.lowpass_hz[0]))
@@ -79,22 +78,23 @@ def reference(c: LoneJoints, hold: int) -> np.ndarray:
         link_inertia=c.link_inertia,
         damping=float(c.joint_damping[0]),
     )
-    return rate * t[(q >= THRESHOLD).argmax(axis=0)]
+    return rate * held[(q >= THRESHOLD).argmax(axis=0)]
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "link", "hold"), [(np.inf, 0.05, 1), (1e4, 1.0, 1), (np.inf, 0.05, 5)]
+    ("stiffness", "link", "hold"),
+    [(np.inf, 0.05, 1), (1e4, 1.0, 1), (50.0, 1.0, 1), (np.inf, 0.05, 5)],
 )
 def test_the_lone_joint_agrees_with_the_reference(stiffness, link, hold):
-    """Against `simulate_joint` at 0.05 ms, with and without dither."""
+    """To the step in which it breaks away, with and without dither."""
     c = joints(
         amplitude=np.array([0.0, 0.6]),
         joint_stiffness=stiffness,
-        joint_damping=0.3 * np.sqrt(1e4 * 0.1),
+        joint_damping=3.0,
         link_inertia=link,
     )
     found = breakaway(c, threshold=THRESHOLD, longest=5.0, hold=hold)
-    np.testing.assert_allclose(found, reference(c, hold), rtol=0.02)
+    np.testing.assert_allclose(found, reference(c, hold), rtol=1e-12)
 
 
 def test_without_dither_it_reads_friction_and_the_slide():
@@ -104,20 +104,6 @@ def test_without_dither_it_reads_friction_and_the_slide():
     slide = rate * np.cbrt(6 * inertia * THRESHOLD / rate)
     found = breakaway(c, threshold=THRESHOLD, longest=20.0)
     np.testing.assert_allclose(found, 0.8 + slide, rtol=0.005)
-
-
-def test_a_very_stiff_spring_is_a_rigid_joint():
-    """With and without dither; 5e4 N·m/rad is the stiffest that 1 ms integrates here."""
-    c = joints(
-        joint_stiffness=np.repeat([np.inf, 5e4], 2),
-        joint_damping=2.0,
-        amplitude=np.tile([0.0, 0.6], 2),
-        bristle_damping=10.0,
-        ramp_rate=0.1,
-    )
-    rigid, stiff = breakaway(c, threshold=THRESHOLD, longest=10.0).reshape(2, 2)
-    np.testing.assert_allclose(stiff, rigid, rtol=0.01)
-    assert rigid[1] < 0.9 * rigid[0]
 
 
 def test_torque_rate_limit_takes_dither_away_only_where_it_is_reached():
