@@ -81,7 +81,3 @@ def test_a_model_of_servo_logs_is_driven_by_its_servos(cli, work):
     row = json.loads(ran.out)["rows"][0]
     assert math.isclose(row["tau_nm"], 0.3, rel_tol=0.1)
     assert "τ/K [mrad]" in (work / "a" / "report.md").read_text("utf-8")
-    refused = cli("sje", "panda", "--drive", "position", "--out", "b")
-    assert refused.code == 2
-    assert "[servo]" in refused.err
-    assert not (work / "b").exists()

@@ -14,7 +14,6 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, dry, found, hidden, only, write_csv
 from tests.refusal import refusal
-from tests.robots.arms import TWO
 
 NOISE = 0.01
 SPRING, STIFF = np.array([3.0, 0.0]), np.array([-60.0, 0.0])
@@ -134,11 +133,9 @@ def test_what_hardly_harms_is_not_named(two, sprung, part, until, named):
 
 
 @pytest.mark.parametrize(("joint", "named"), [(1, ()), (0, ("payload",))])
-def test_what_acts_on_the_whole_arm_is_judged_as_a_whole(tmp_path, joint, named):
+def test_what_acts_on_the_whole_arm_is_judged_as_a_whole(two, two_xml, joint, named):
     """A payload that one joint does not feel: the load is most of joint 1's torque."""
-    path = tmp_path / "two.xml"
-    path.write_text(TWO)
-    arm, loaded = load_arm(path), load_arm(path, payload=(0.5, 0.0, 0.0, 0.05))
+    arm, loaded = two, load_arm(two_xml, payload=(0.5, 0.0, 0.0, 0.05))
     d = diagnose_logs([hidden(arm, true=loaded)], arm, causes=[cause_named("payload")])
     assert [c.name for c in d.causes] == ["payload"]
 

@@ -5,15 +5,14 @@ import pytest
 
 from stiction_envs import diagnose
 from stiction_envs.hidden.examples import log_csv
-from tests.gap.servo.small_arm import TWO_LINKS
+from stiction_envs.robots import Arm
+from tests.gap.servo.small_arm import two_links
 from tests.refusal import refusal
 
 
 @pytest.fixture
-def robot(tmp_path: Path) -> Path:
-    path = tmp_path / "two_links.xml"
-    path.write_text(TWO_LINKS)
-    return path
+def robot(tmp_path: Path) -> Arm:
+    return two_links(tmp_path)
 
 
 def _log(path: Path, *, torque: bool = False, joints: int = 2) -> Path:
@@ -36,13 +35,13 @@ def _log(path: Path, *, torque: bool = False, joints: int = 2) -> Path:
     ],
 )
 def test_bad_options_of_a_servo_log_are_one_line(
-    tmp_path: Path, robot: Path, options: dict[str, object], said: str
+    tmp_path: Path, robot: Arm, options: dict[str, object], said: str
 ) -> None:
     log = _log(tmp_path / "log.csv")
     refusal(lambda: diagnose(log, robot, **options), said)  # type: ignore[arg-type]
 
 
-def test_logs_that_do_not_fit_are_refused(tmp_path: Path, robot: Path) -> None:
+def test_logs_that_do_not_fit_are_refused(tmp_path: Path, robot: Arm) -> None:
     log, torques = _log(tmp_path / "log.csv"), _log(tmp_path / "torques.csv", torque=True)
     three = _log(tmp_path / "three.csv", joints=3)
     says = "servo stiffness: expected servo logs"
@@ -53,7 +52,7 @@ def test_logs_that_do_not_fit_are_refused(tmp_path: Path, robot: Path) -> None:
     refusal(lambda: diagnose(three, robot), "3 joints, but the robot has 2")
 
 
-def test_commands_that_are_differences_are_refused(tmp_path: Path, robot: Path) -> None:
+def test_commands_that_are_differences_are_refused(tmp_path: Path, robot: Arm) -> None:
     t = np.arange(0.0, 5.0, 0.02)
     q = 0.3 * np.sin(np.outer(t, [1.0, 2.0]))
     path = tmp_path / "log.csv"
@@ -62,7 +61,7 @@ def test_commands_that_are_differences_are_refused(tmp_path: Path, robot: Path) 
     refusal(lambda: diagnose(path, robot, drive="position"), says)
 
 
-def test_a_command_that_comes_after_the_motion_is_said(tmp_path: Path, robot: Path) -> None:
+def test_a_command_that_comes_after_the_motion_is_said(tmp_path: Path, robot: Arm) -> None:
     t = np.arange(0.0, 20.0, 0.02)
     path = tmp_path / "log.csv"
     late = 0.3 * np.sin(np.outer(t - 0.046, [1.0, 2.0]))

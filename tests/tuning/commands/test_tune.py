@@ -42,14 +42,6 @@ def test_tune_warns_of_aliases_once(cli, monkeypatch):
     assert "aliases to 50 Hz" in line
 
 
-@pytest.mark.parametrize("option", [["--force"], ["--storage", "sqlite:///x.db"], ["--pareto"]])
-def test_what_a_session_with_a_robot_does_not_take(cli, work, two, option):
-    ran = cli("tune", two, *ROBOT, "--ask", *option)
-    assert (ran.code, len(ran.lines)) == (2, 1)
-    assert f"{option[0]}: not with --ask or --tell" in ran.lines[0]
-    assert not (work / "out").exists()
-
-
 @pytest.mark.slow  # ramps of an arm that nobody calibrated
 @pytest.mark.usefixtures("few_settings")
 def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
