@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from benchmarks.accuracy import imperfect_arms as excited
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.robots import load_arm
@@ -111,13 +109,8 @@ def test_a_fit_that_may_be_free_is_the_free_one(panda, motion, true):
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01
 
 
-def test_arm_with_the_links_moves_by_them(found, panda):
-    arm = found.arm()
-    np.testing.assert_allclose(inertial_parameters(arm.pinocchio()), found.phi, atol=1e-9)
-    q, dq, ddq = (np.random.default_rng(i).uniform(-1, 1, (20, 7)) for i in range(3))
-    q += panda.rest
-    tau = inverse_torque(arm.model(), q, dq, ddq)
-    np.testing.assert_allclose(tau, inverse_dynamics(arm.pinocchio(), q, dq, ddq), atol=1e-9)
+def test_the_arm_has_the_links(found):
+    np.testing.assert_allclose(inertial_parameters(found.arm().pinocchio()), found.phi, atol=1e-9)
 
 
 def test_what_is_fixed_to_a_link_becomes_part_of_it(tmp_path):
