@@ -1,10 +1,12 @@
 """Torques logged without gravity, against gains, bodies and poses that look like them."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from stiction_envs.gap.causes.body.bodies import leaning
-from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
@@ -21,10 +23,14 @@ def lacking(share: float, true: Arm | None = None) -> JointLog:
     return hidden(panda(), add, true=true, noise=0.02)
 
 
+@cache
+def diagnosed(share: float) -> Diagnosis:
+    return diagnose_logs([lacking(share)], "panda")
+
+
 @pytest.mark.parametrize("share", [0.03, 1.0])
 def test_a_missing_share_is_found_with_friction(share: float) -> None:
-    found = diagnose_logs([lacking(share)], "panda")
-    named = {c.name: c for c in found.causes}
+    named = {c.name: c for c in diagnosed(share).causes}
     assert set(named) == {"coulomb_friction", "gravity_compensation_missing"}
     mine = named["gravity_compensation_missing"].parameters[0]["share"]
     assert mine.value == pytest.approx(share, rel=0.02)
@@ -38,7 +44,7 @@ PARTLY = pytest.mark.xfail(strict=True, reason="the verdict comes out as partly 
 
 @pytest.mark.parametrize("share", [0.03, pytest.param(1.0, marks=PARTLY)])
 def test_a_missing_share_and_friction_explain_the_log(share: float) -> None:
-    assert diagnose_logs([lacking(share)], "panda").verdict == "explained"
+    assert diagnosed(share).verdict == "explained"
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2])
