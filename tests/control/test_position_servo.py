@@ -33,6 +33,7 @@ def test_it_moves_an_arm_as_the_diagnosis_of_servo_logs_does(tmp_path, changes):
     ids = np.array([0])
     drive.plant.reset(ids, command[:1])
     drive.reset(ids, command[:1])
+    # one block is shorter than the delay
     parts = np.split(np.repeat(command, 20, axis=0), [3000, 3005])
     q = np.concatenate([drive.run(part[None], ids)[0] for part in parts])
     # bristles start relaxed here, loaded there
