@@ -21,6 +21,7 @@ UNITS = {
     "kg": "kg",
     "m": "m",
     "kgm2": "kg·m²",
+    "hz": "Hz",
 }
 """Unit by the end of a parameter's name."""
 LISTED = 4

@@ -421,11 +421,12 @@ def judge(question: Question) -> JointFindings:
     score = problem.score(terms)
     if lag is not None:
         others = [t for t in terms if t.cause not in LAG]
+        parts = sorted(c for c in LAG if c in question.candidates)
         weighed = {c: x for c, x in weighed.items() if c not in LAG}
         weighed[ServoLag.name] = Weighed(
             nats=score - problem.score(others),
-            rivals=tuple((part, 0.0) for part in sorted(LAG)),
-            lost=problem.lost(LAG, problem.best(others), found),
+            rivals=tuple((part, 0.0) for part in parts),
+            lost=problem.lost(parts, problem.best(others), found),
         )
     return JointFindings(
         fit=found,

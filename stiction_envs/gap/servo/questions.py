@@ -40,8 +40,9 @@ PASSED = 3
 """Number of rows that show that a speed was passed; assumed."""
 UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH = 10.0, 50.0
 """Least stiffness over the arm's largest gravity [1/rad] and natural frequency [rad/s] of a servo
-of which nothing is known; the notes say so. A softer servo would not follow; a stiffer one leaves
-some armature. Assumed."""
+of which nothing is known: where its fit starts. Assumed."""
+UNKNOWN_OFF = 1.2
+"""Usual error of the logarithm of that stiffness [-]; assumed: a factor of three."""
 SETTLED = 1.0
 """Time for which a command rests before its joint counts as settled [s]; assumed."""
 SWINGS = 0.5
@@ -123,10 +124,9 @@ def unknown_damping(servo: Servo) -> bool:
 
 
 def without_scale(servo: Servo, scaled: bool) -> bool:
-    """Return whether nothing sets the scale of a joint's torques.
+    """Return whether only the motion of other joints sets the scale of a joint's torques.
 
-    The inertia of its links does not: under half the stiffness, the same motion has half of it, and
-    the rotor's is unknown.
+    Its own inertia does not: the rotor's is unknown.
     """
     return servo.perfect and not servo.same and not scaled
 
@@ -137,7 +137,7 @@ def always_fitted(
     """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
     These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains,
-    unknown damping, and the rotor's inertia in place of the unknown stiffness. ``nominal`` are the
+    unknown damping, and the stiffness and rotor of a servo `without_scale`. ``nominal`` are the
     joint's (P,) parameters; ``scaled`` says whether gravity scales the servo's torque.
     """
     stiffness = float(nominal[INDEX["stiffness"]])
@@ -145,6 +145,7 @@ def always_fitted(
     out["bristle"] = BRISTLES
     if without_scale(servo, scaled):
         out["armature"] = servo_cause("armature").servo.sizes["armature"] * stiffness
+        out["stiffness"] = UNKNOWN_OFF
     if scaled and not servo.perfect:
         out |= zip(("compensation", "offset"), links.tolist(), strict=True)
         out["stiffness"] = SERVO_OFF

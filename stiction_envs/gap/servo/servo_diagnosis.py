@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.gap.judge.judgement import Judgement, ModelCheck
+from stiction_envs.gap.judge.judgement import WIDTH, Judgement, ModelCheck
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
@@ -118,6 +118,8 @@ class _Joints:
         self.nominal = questions.nominal_parameters(servo, self.motions)
         self.heavy = questions.heavy(self.motions)
         self.scaled = questions.scaled(servo, self.motions, self.resolution)
+        if servo.same and not self.scaled.any():
+            self.servo = replace(servo, same=False)
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
         self.links = questions.links_off(arm, self.motions)
@@ -219,28 +221,34 @@ class _Joints:
         if light:
             self._set_stiffness(light, [self.found[j].fit["stiffness"] for j in heavy])
             self.found |= dict(zip(light, self.workers.map(one, light), strict=True))
+            self._note_scales([j for j in light if not self.scaled[j]])
 
     def _set_stiffness(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
-        """Give joints that do not clearly sag a stiffness, and say so.
-
-        It is that of the other joints where all servos are the same.
-        """
-        same = self.servo.same and bool(stiffnesses)
-        for j in light if same else []:
+        """Give joints that do not clearly sag the stiffness of the others: all are the same."""
+        for j in light if self.servo.same and stiffnesses else []:
             m, stiffness = self.motions[j], float(np.median(stiffnesses))
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             seen = np.abs(m.gravity).max() > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
             self.scaled[j] = bool(seen and self.heavy[j])
-        without = [j for j in light if not self.scaled[j]]
-        if without:
-            said = "taken from the other joints" if same else "unknown"
-            values = self.nominal[without, INDEX["stiffness"]]
+
+    def _note_scales(self, light: Sequence[int]) -> None:
+        """Say what sets the stiffness of the servos of joints that do not sag."""
+        values, scale = [], "the servos of the other joints are"
+        for j in light:
+            fit = self.found[j].predicting
+            value, text = fit["stiffness"], f"{fit['stiffness']:.3g}"
+            for k in np.flatnonzero(fit.coordinates.at == INDEX["stiffness"]):
+                sd = fit.coordinates.size[k] * np.sqrt(np.linalg.inv(fit.precision)[k, k])
+                sd = np.hypot(sd, questions.LINK_INERTIAS)
+                low, high = value * np.exp(WIDTH * sd * np.array([-1.0, 1.0]))
+                text, scale = f"{text} [{low:.3g}, {high:.3g}]", "the motion of the other joints is"
+            values.append(text)
+        if light:
             self.notes.append(
-                f"joints {', '.join(str(j + 1) for j in without)}: no gravity sets the scale of "
-                f"their torques; servo stiffness {said}, set to "
-                f"{' '.join(f'{x:.3g}' for x in dict.fromkeys(values))} N·m/rad, and "
-                "inertia, friction, damping and limits scale with it"
+                f"joints {', '.join(str(j + 1) for j in light)}: gravity is no scale of their "
+                f"torques, {scale}: servo stiffness {', '.join(values)} N·m/rad, and inertia, "
+                "friction, damping and limits scale with it"
             )
 
     def helped(self, nominal: Array, extended: Array) -> list[int]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs import diagnose
-from stiction_envs.gap.servo.motion import joint_motions, stretches
+from stiction_envs.gap.servo.motion import stretches
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.servo_parameters import INDEX, absent
@@ -170,19 +170,31 @@ def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(arm: Arm) -> None
         assert found["stiffness_nm_per_rad"].value == pytest.approx(h.stiffness[j - 1], rel=0.25)
 
 
-def test_joints_without_gravity_get_the_others_stiffness_only_where_servos_are_the_same(
+def test_joints_without_gravity_get_the_others_stiffness_where_servos_are_the_same(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "turning.xml"
     path.write_text(TWO_LINKS.replace('"shoulder" axis="0 1 0"', '"shoulder" axis="0 0 1"'))
     arm = load_arm(path)
+    d = diagnose_servo([_hidden(arm, "coulomb_friction", seconds=20.0).log], arm, Servo(same=True))
+    upright, other = d.parameters[:, INDEX["stiffness"]]
+    assert upright == pytest.approx(other, rel=0.01)
+    assert "the servos of the other joints are" in d.notes[0]
+
+
+@pytest.mark.parametrize("same", [False, True])
+def test_without_gravity_the_motion_of_the_other_joints_shows_a_stiffness(
+    tmp_path: Path, same: bool
+) -> None:
+    """Both axes are upright; links are off by 5 %. There are no other servos to be the same as."""
+    path = tmp_path / "scara.xml"
+    path.write_text(TWO_LINKS.replace('axis="0 1 0"', 'axis="0 0 1"'))
+    arm = load_arm(path)
     h = _hidden(arm, "coulomb_friction", seconds=20.0)
-    for same in (True, False):
-        d = diagnose_servo([h.log], arm, Servo(same=same))
-        upright, other = d.parameters[:, INDEX["stiffness"]]
-        least = 50**2 * joint_motions(arm, [h.log])[0].inertia.mean()  # 50 rad/s, as unknown ones
-        assert upright == pytest.approx(other if same else least, rel=0.01)
-        assert ("taken from the other joints" in d.notes[0]) == same
+    d = diagnose_servo([h.log], arm, Servo(same=same))
+    assert d.parameters[:, INDEX["stiffness"]] == pytest.approx(h.stiffness, rel=0.15)
+    assert {c.name for c in d.causes} == {"damping", "coulomb_friction"}  # no rotor
+    assert "joints 1, 2: gravity is no scale of their torques, the motion of the" in d.notes[0]
 
 
 def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(arm: Arm) -> None:
