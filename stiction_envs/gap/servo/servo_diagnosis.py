@@ -234,21 +234,25 @@ class _Joints:
 
     def _note_scales(self, light: Sequence[int]) -> None:
         """Say what sets the stiffness of the servos of joints that do not sag."""
-        values, scale = [], "the servos of the other joints are"
+        scales: dict[str, list[tuple[int, str]]] = {}
         for j in light:
-            fit = self.found[j].predicting
-            value, text = fit["stiffness"], f"{fit['stiffness']:.3g}"
+            fit, scale = self.found[j].predicting, "the servos of the other joints are"
+            value = f"{fit['stiffness']:.3g}"
             for k in np.flatnonzero(fit.coordinates.at == INDEX["stiffness"]):
                 sd = fit.coordinates.size[k] * np.sqrt(np.linalg.inv(fit.precision)[k, k])
-                sd = np.hypot(sd, questions.LINK_INERTIAS)
-                low, high = value * np.exp(WIDTH * sd * np.array([-1.0, 1.0]))
-                text, scale = f"{text} [{low:.3g}, {high:.3g}]", "the motion of the other joints is"
-            values.append(text)
-        if light:
+                off = WIDTH * np.hypot(sd, questions.SCALE_OFF) * np.array([-1.0, 1.0])
+                low, high = fit["stiffness"] * np.exp(off)
+                scale, value = "nothing else is", f"taken as {value}"
+                if sd < questions.SCALE_SEEN:
+                    scale = "the motion of the other joints is"
+                    value = f"{fit['stiffness']:.3g} [{low:.3g}, {high:.3g}]"
+            scales.setdefault(scale, []).append((j + 1, value))
+        for scale, each in scales.items():
+            joints, values = zip(*each, strict=True)
             self.notes.append(
-                f"joints {', '.join(str(j + 1) for j in light)}: gravity is no scale of their "
-                f"torques, {scale}: servo stiffness {', '.join(values)} N·m/rad, and inertia, "
-                "friction, damping and limits scale with it"
+                f"joints {', '.join(map(str, joints))}: gravity is no scale of their torques, "
+                f"{scale}: servo stiffness {', '.join(values)} N·m/rad, and inertia, friction, "
+                "damping and limits scale with it"
             )
 
     def helped(self, nominal: Array, extended: Array) -> list[int]:
