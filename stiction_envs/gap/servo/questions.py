@@ -43,9 +43,6 @@ UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH = 10.0, 50.0
 of which nothing is known: where its fit starts. Assumed."""
 UNKNOWN_OFF = 1.2
 """Usual error of the logarithm of that stiffness [-]; assumed: a factor of three."""
-SCALE_OFF, SCALE_SEEN = 0.2, 0.25
-"""Least error of the same where the motion of other joints shows it, and the largest posterior one
-for the motion to show it [-]; assumed: 28 joints of simulated arms of 5 % scatter are within."""
 SETTLED = 1.0
 """Time for which a command rests before its joint counts as settled [s]; assumed."""
 SWINGS = 0.5

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.gap.judge.judgement import WIDTH, Judgement, ModelCheck
+from stiction_envs.gap.judge.judgement import Judgement, ModelCheck
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
@@ -221,7 +221,14 @@ class _Joints:
         if light:
             self._set_stiffness(light, [self.found[j].fit["stiffness"] for j in heavy])
             self.found |= dict(zip(light, self.workers.map(one, light), strict=True))
-            self._note_scales([j for j in light if not self.scaled[j]])
+        if loose := [j for j in light if not self.scaled[j]]:
+            shown = "servos" if self.servo.same else "motion"
+            values = [f"{self.found[j].predicting['stiffness']:.3g}" for j in loose]
+            self.notes.append(
+                f"joints {', '.join(str(j + 1) for j in loose)}: gravity does not set the scale of "
+                f"their torques: the {shown} of the other joints show a servo stiffness of about "
+                f"{' '.join(values)} N·m/rad; inertia, friction, damping and limits scale with it"
+            )
 
     def _set_stiffness(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
         """Give joints that do not clearly sag the stiffness of the others: all are the same."""
@@ -231,29 +238,6 @@ class _Joints:
             # with the others' stiffness it may sag enough after all
             seen = np.abs(m.gravity).max() > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
             self.scaled[j] = bool(seen and self.heavy[j])
-
-    def _note_scales(self, light: Sequence[int]) -> None:
-        """Say what sets the stiffness of the servos of joints that do not sag."""
-        scales: dict[str, list[tuple[int, str]]] = {}
-        for j in light:
-            fit, scale = self.found[j].predicting, "the servos of the other joints are"
-            value = f"{fit['stiffness']:.3g}"
-            for k in np.flatnonzero(fit.coordinates.at == INDEX["stiffness"]):
-                sd = fit.coordinates.size[k] * np.sqrt(np.linalg.inv(fit.precision)[k, k])
-                off = WIDTH * np.hypot(sd, questions.SCALE_OFF) * np.array([-1.0, 1.0])
-                low, high = fit["stiffness"] * np.exp(off)
-                scale, value = "nothing else is", f"taken as {value}"
-                if sd < questions.SCALE_SEEN:
-                    scale = "the motion of the other joints is"
-                    value = f"{fit['stiffness']:.3g} [{low:.3g}, {high:.3g}]"
-            scales.setdefault(scale, []).append((j + 1, value))
-        for scale, each in scales.items():
-            joints, values = zip(*each, strict=True)
-            self.notes.append(
-                f"joints {', '.join(map(str, joints))}: gravity is no scale of their torques, "
-                f"{scale}: servo stiffness {', '.join(values)} N·m/rad, and inertia, friction, "
-                "damping and limits scale with it"
-            )
 
     def helped(self, nominal: Array, extended: Array) -> list[int]:
         """Return the joints whose causes may be named: none, where the model is worse in all.
