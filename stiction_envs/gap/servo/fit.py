@@ -201,6 +201,12 @@ class Fit:
             self.log_likelihood - 0.5 * self.z @ self.z - 0.5 * np.linalg.slogdet(self.precision)[1]
         )
 
+    def given(self, name: str) -> "Fit":
+        """Return the fit with a parameter held at its value."""
+        kept = self.coordinates.at != INDEX[name]
+        coordinates = replace(self.coordinates.fixed(INDEX[name]), base=self.parameters)
+        return replace(self, coordinates=coordinates, z=self.z[kept], slopes=self.slopes[kept])
+
     def __getitem__(self, name: str) -> float:
         """Return a parameter by its name."""
         return float(self.parameters[INDEX[name]])

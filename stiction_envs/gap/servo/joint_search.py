@@ -67,6 +67,8 @@ class Question:
     """Time for which errors last, so that evidence is comparable [s]; None: from the residual."""
     perfect: bool = False
     """Whether the servo of the nominal simulation is `PERFECT` times as stiff as the joint's."""
+    without_scale: bool = False
+    """As of `questions.without_scale`: torques are reported for the stiffness that is found."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -412,6 +414,8 @@ def judge(question: Question) -> JointFindings:
         if weighed:
             more = [name for name, part in question.candidates.items() if part.of_every_joint]
             predicting = problem.fit({*weighed, *more}, [found.parameters], ROUGH)
+        if question.without_scale:
+            predicting = predicting.given("stiffness")
         vague = problem.vague(weighed, predicting)
         lag = problem.lag(weighed, vague, found)
         gone = [t for t in terms if t.cause in vague and (lag is None or t.cause not in LAG)]

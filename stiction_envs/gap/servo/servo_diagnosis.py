@@ -174,6 +174,7 @@ class _Joints:
             floor=float(np.hypot(self.noise[j], questions.unmodelled(m, counts))),
             last=self.lasts.get(j),
             perfect=perfect,
+            without_scale=questions.without_scale(self.servo, scaled),
         )
 
     def contacts(self) -> dict[int, Bools]:
