@@ -227,7 +227,7 @@ class _Joints:
             values = [f"{self.found[j].predicting['stiffness']:.3g}" for j in loose]
             self.notes.append(
                 f"joints {', '.join(str(j + 1) for j in loose)}: gravity does not set the scale of "
-                f"their torques: the {shown} of the other joints show a servo stiffness of about "
+                f"their torques; by the {shown} of the other joints, their servo stiffness is about "
                 f"{' '.join(values)} N·m/rad; inertia, friction, damping and limits scale with it"
             )
 

@@ -179,7 +179,7 @@ def test_joints_without_gravity_get_the_others_stiffness_where_servos_are_the_sa
     d = diagnose_servo([_hidden(arm, "coulomb_friction", seconds=20.0).log], arm, Servo(same=True))
     upright, other = d.parameters[:, INDEX["stiffness"]]
     assert upright == pytest.approx(other, rel=0.01)
-    assert "the servos of the other joints" in d.notes[0]
+    assert "by the servos of the other joints" in d.notes[0]
 
 
 @pytest.mark.parametrize("same", [False, True])
@@ -194,7 +194,9 @@ def test_without_gravity_the_motion_of_the_other_joints_shows_a_stiffness(
     d = diagnose_servo([h.log], arm, Servo(same=same))
     assert d.parameters[:, INDEX["stiffness"]] == pytest.approx(h.stiffness, rel=0.15)
     assert {c.name for c in d.causes} == {"damping", "coulomb_friction"}  # no rotor
-    assert "joints 1, 2: gravity does not set the scale of their torques: the motion" in d.notes[0]
+    assert (
+        "joints 1, 2: gravity does not set the scale of their torques; by the motion" in d.notes[0]
+    )
 
 
 def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(arm: Arm) -> None:
