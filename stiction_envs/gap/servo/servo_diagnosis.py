@@ -226,8 +226,8 @@ class _Joints:
             shown = "servos" if self.servo.same else "motion"
             values = [f"{self.found[j].predicting['stiffness']:.3g}" for j in loose]
             self.notes.append(
-                f"joints {', '.join(str(j + 1) for j in loose)}: gravity does not set the scale of "
-                f"their torques; by the {shown} of the other joints, their servo stiffness is about "
+                f"joints {', '.join(str(j + 1) for j in loose)}: gravity sets no scale of "
+                f"their torques; by the {shown} of the other joints, the servo stiffness is about "
                 f"{' '.join(values)} N·m/rad; inertia, friction, damping and limits scale with it"
             )
 

@@ -194,9 +194,7 @@ def test_without_gravity_the_motion_of_the_other_joints_shows_a_stiffness(
     d = diagnose_servo([h.log], arm, Servo(same=same))
     assert d.parameters[:, INDEX["stiffness"]] == pytest.approx(h.stiffness, rel=0.15)
     assert {c.name for c in d.causes} == {"damping", "coulomb_friction"}  # no rotor
-    assert (
-        "joints 1, 2: gravity does not set the scale of their torques; by the motion" in d.notes[0]
-    )
+    assert "joints 1, 2: gravity sets no scale of their torques; by the motion" in d.notes[0]
 
 
 def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(arm: Arm) -> None:
