@@ -270,11 +270,10 @@ class JointProblem:
 
     def vague(self, causes: Iterable[str], of: Fit) -> list[str]:
         """Return the causes of whose first parameter the interval contains the nominal value."""
-        off = (of.z - of.coordinates.z(self.q.nominal)) / np.sqrt(
-            np.diag(np.linalg.inv(of.precision))
-        )
+        sd = np.sqrt(np.diag(np.linalg.inv(of.precision)))
+        near = np.abs(of.z - of.coordinates.z(self.q.nominal)) < WIDTH * sd
         first = {c: INDEX[next(iter(self.q.candidates[c].sizes))] for c in causes}
-        return [c for c, k in first.items() if np.abs(off[of.coordinates.at == k]) < WIDTH]
+        return [c for c, k in first.items() if near[of.coordinates.at == k].any()]
 
     def lag(self, found: Mapping[str, Weighed], vague: Sequence[str], of: Fit) -> Fit | None:
         """Return the fit with all parts of the lag, where another part does for each that is found.
@@ -433,12 +432,7 @@ def judge(question: Question) -> JointFindings:
             lost=problem.lost(parts, problem.best(others), found),
         )
     return JointFindings(
-        fit=found,
-        predicting=predicting,
-        score=score,
-        causes=weighed,
-        lag=lag,
-        noise=problem.noise,
+        fit=found, predicting=predicting, score=score, causes=weighed, lag=lag, noise=problem.noise
     )
 
 

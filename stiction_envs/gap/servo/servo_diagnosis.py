@@ -233,7 +233,7 @@ class _Joints:
 
     def _set_stiffness(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
         """Give joints that do not clearly sag the stiffness of the others: all are the same."""
-        for j in light if self.servo.same and stiffnesses else []:
+        for j in light if self.servo.same else []:
             m, stiffness = self.motions[j], float(np.median(stiffnesses))
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
