@@ -128,6 +128,8 @@ class SJERig(Rig):
         ramping = self.stage[ids] == RAMP
         step = self.step[ids][:, None] + np.arange(BLOCK)
         rows = np.flatnonzero(ramping)
+        ramps, ramp_step = ids[rows], step[rows]
+        ramp = self.ramp_torque(ramps, ramp_step)
         setpoint = self._setpoints(ids, step, ramping)
         joint = self.joint[ids]
         angle = np.empty((m, BLOCK + 1))
@@ -135,21 +137,20 @@ class SJERig(Rig):
         every = self.watch is not None or self.senses is not None
         seen = np.empty((m, BLOCK, self.n)) if every else None
         measured = np.empty((len(rows), BLOCK, self.n)) if self.senses is not None else None
-        gated = np.isfinite(self.dither.gate_velocity[ids[rows]]).any()
-        part = self._cycle if gated else BLOCK
+        part = self._cycle if self.dither.gated else BLOCK
         for k in range(0, BLOCK, part):
             here = slice(k, k + part)
             torque = np.zeros((m, part, self.n))
             if len(rows):
-                self._command(torque, rows, ids[rows], step[rows, here], k)
+                torque[rows] = self._command(ramps, ramp_step[:, here], ramp[:, here], k)
             moved_to = None if setpoint is None else setpoint[:, here]
             only = joint if seen is None else None
             found = self._drive(torque, ids, moved_to, only)
             if seen is not None:
                 seen[:, here] = found
                 if self.senses is not None and measured is not None:
-                    after = step[rows, here] + 1
-                    measured[:, here] = self.senses.read_block(ids[rows], after, found[rows])
+                    after = ramp_step[:, here] + 1
+                    measured[:, here] = self.senses.read_block(ramps, after, found[rows])
                 found = found[np.arange(m), :, joint]
             angle[:, 1 + k : 1 + k + part] = found
         self.step[ids] += BLOCK
@@ -157,17 +158,17 @@ class SJERig(Rig):
         if not len(rows):
             return ids[:0]
         # speeds count while the joint is still near where it stuck
-        corner = HIGHPASS * self.dither.frequency[ids[rows], joint[rows]]
+        corner = HIGHPASS * self.dither.frequency[ramps, joint[rows]]
         gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
-        sums = self._speeds[ids[rows]]
-        _add_squares(angle[rows], self.start_angle[ids[rows]], far, gain, sums)
-        self._speeds[ids[rows]] = sums
+        sums = self._speeds[ramps]
+        _add_squares(angle[rows], self.start_angle[ramps], far, gain, sums)
+        self._speeds[ramps] = sums
         if self.watch is not None and seen is not None:
-            self.watch(ids[rows], seen[rows])
+            self.watch(ramps, seen[rows])
         last = angle[rows, 1:]
         if measured is not None:
             last = measured[np.arange(len(rows)), :, joint[rows]]
-        return self._finish(ids[rows], step[rows], last)
+        return self._finish(ramps, ramp, last)
 
     def _drive(
         self, torque: Array, ids: Index, setpoint: Array | None, joint: Index | None
@@ -175,14 +176,14 @@ class SJERig(Rig):
         """Advance the plant under torques (M, K, n) [N·m], servos at setpoints (M, K, n) [rad]."""
         return self.plant.run(torque, ids, setpoint=setpoint, joint=joint)
 
-    def _command(self, torque: Array, rows: Index, ids: Index, step: Index, ahead: int) -> None:
-        """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path.
+    def _command(self, ids: Index, step: Index, ramp: Array, ahead: int) -> Array:
+        """Return the torque (M, K, n) [N·m] behind the torque path of ``ramp`` (M, K) and dither.
 
         ``ahead`` control steps of the block came before these.
         """
         length = step.shape[1]
         command = np.zeros((len(ids), length, self.n))
-        command[np.arange(len(ids)), :, self.joint[ids]] = self.ramp_torque(ids, step)
+        command[np.arange(len(ids)), :, self.joint[ids]] = ramp
         if self.dither.sines is not None:
             time = np.multiply(self.interface.tick(step), CONTROL_DT, dtype=np.float64)
             add_sines(*self.dither.sines, time, ids, command)
@@ -197,7 +198,7 @@ class SJERig(Rig):
                 command[:, k : k + self._cycle] += shaken[:, None]
         if self.senses is not None:
             self.senses.send_block(ids, step, command)
-        torque[rows] = self._path.run(command, ids)
+        return self._path.run(command, ids)
 
     def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array | None:
         """Return (M, K, n) setpoints [rad] of a minimum-jerk move back; None where all are held."""
@@ -258,22 +259,26 @@ class SJERig(Rig):
         stiffness[rows, joint] = damping[rows, joint] = 0.0
         self.plant.set_servo(ids, stiffness, damping, self.target[ids])
 
-    def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
-        """Record ramps that reached the threshold or were given up; return their simulations."""
+    def _finish(self, ids: Index, torque: Array, angle: Array) -> Index:
+        """Record ramps that reached the threshold or were given up; return their simulations.
+
+        ``torque`` (M, K) is the command's without dither [N·m], ``angle`` (M, K) the joint's [rad].
+        """
         moved = self.sign[ids][:, None] * (angle - self.start_angle[ids][:, None])
         over = np.greater_equal(moved, self.protocol.threshold)
         reached: Bools = np.any(over, axis=1)
         first = over.argmax(axis=1)
-        torque = self.ramp_torque(ids, step)
         stuck = ~reached & (np.abs(torque[:, -1] - self.start_torque[ids]) > self._give_up[ids])
         done = np.flatnonzero(reached | stuck)
         tau = self._torque_at(ids, torque, angle, np.where(reached, first, over.shape[1] - 1))
-        tau = tau[done] + self.noise[ids[done]]
-        self.tau[ids[done]] = np.where(reached[done], tau, np.nan)
-        squares, counted = self._speeds[ids[done], :2].T
-        self.shaken_speed[ids[done]] = np.sqrt(squares / np.maximum(counted, 1.0))
-        self.stage[ids[done]] = IDLE
-        return ids[done]
+        if not len(done):
+            return done
+        ended = ids[done]
+        self.tau[ended] = np.where(reached[done], tau[done] + self.noise[ended], np.nan)
+        squares, counted = self._speeds[ended, :2].T
+        self.shaken_speed[ended] = np.sqrt(squares / np.maximum(counted, 1.0))
+        self.stage[ended] = IDLE
+        return ended
 
     def _torque_at(self, ids: Index, torque: Array, angle: Array, last: Index) -> Array:
         """Return (M,) the torque of ramps at steps ``last`` (M,) of this block [N·m].
