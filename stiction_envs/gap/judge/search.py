@@ -65,8 +65,9 @@ P = TypeVar("P", bound=Scored)
 Refresh = Callable[[P, Sequence[Term]], float]
 """Sets noise and size of the small errors of a problem by what a model leaves; returns the model's
 evidence."""
-Possible = Callable[[P, Sequence[Term], Term], bool]
-"""Whether the value of a term in a model of a problem is one that its cause can have."""
+Possible = Callable[[P, Sequence[Term], Sequence[Term]], list[bool]]
+"""Whether the value of each of some terms in a model of a problem is one that its cause can have.
+"""
 
 
 class Search(Generic[P]):
@@ -87,7 +88,7 @@ class Search(Generic[P]):
             candidates: terms that can be named.
             needs: returns the causes that a cause's joint must have with it.
             refresh: of the noise.
-            possible: of a term's value.
+            possible: of the values of terms.
         """
         self.problem, self.candidates = problem, list(candidates)
         self.needs, self.refresh, self.possible = needs, refresh, possible
@@ -115,17 +116,21 @@ class Search(Generic[P]):
             if promise + SLACK - NAMED < gain:
                 break
             more = self.problem.score([*terms, *added]) - now - NAMED
-            if more > gain and self.possible(self.problem, [*terms, *added], added[-1]):
+            if more > gain and self._possible([*terms, *added]):
                 best, gain = [*terms, *added], more
-        for term, loss in zip(terms, self.problem.losses(terms), strict=True):
-            impossible = not self.possible(self.problem, terms, term)
-            if loss > CLEAR and not impossible:
+        possible = self.possible(self.problem, terms, terms)
+        for term, loss, keeps in zip(terms, self.problem.losses(terms), possible, strict=True):
+            if loss > CLEAR and keeps:
                 continue
             rest = self.without(terms, term)
             less = self.problem.score(rest) - now + NAMED * (len(terms) - len(rest))
-            if less > gain or impossible:
-                best, gain = rest, np.inf if impossible else less
+            if less > gain or not keeps:
+                best, gain = rest, less if keeps else np.inf
         return best
+
+    def _possible(self, terms: Sequence[Term]) -> bool:
+        """Return whether the last of some terms has a value that its cause can have."""
+        return self.possible(self.problem, terms, terms[-1:])[0]
 
     def without(self, terms: Sequence[Term], term: Term) -> list[Term]:
         """Return the terms without one of them, and without what needs it."""
@@ -194,7 +199,7 @@ class Search(Generic[P]):
             if gains[k] < least or len(seen) == SHORTLIST:
                 break
             model, cause = [*rest, *added[k]], added[k][-1].cause
-            if cause not in seen and self.possible(self.problem, model, added[k][-1]):
+            if cause not in seen and self._possible(model):
                 out.append((self.problem.score(model), model))
             seen.add(cause)
         return out

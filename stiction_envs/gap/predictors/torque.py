@@ -283,18 +283,21 @@ class TorquePredictor:
         """Return the causes that a cause needs: none if the nominal model has friction."""
         return () if self.data.has_friction else self.causes[name].needs
 
-    def possible(self, problem: Problem, terms: Sequence[Term], term: Term) -> bool:
-        """Return whether a term's value in a model is one that its cause can have."""
+    def possible(
+        self, problem: Problem, terms: Sequence[Term], asked: Sequence[Term]
+    ) -> list[bool]:
+        """Return whether each asked term's value in a model is one that its cause can have."""
         model = problem.model(terms)
         parts = dict(zip(model, problem.split(model, problem.fit(model)), strict=True))
-        cause, mine = self.causes[term.cause], parts[term]
-        level = sum(
-            float(c[0])
-            for t, c in parts.items()
-            if t.joint == term.joint and self.causes[t.cause].adds_to == DRY
-        )
-        level += float(self.data.friction.level[term.joint]) if term.joint != ARM else 0.0
-        return cause.possible(self.data, term.joint, mine, term.shape, level)
+        level = dict(enumerate(self.data.friction.level.tolist()))
+        for t, c in parts.items():
+            if self.causes[t.cause].adds_to == DRY:
+                level[t.joint] = level.get(t.joint, 0.0) + float(c[0])
+        data, causes = self.data, self.causes
+        return [
+            causes[t.cause].possible(data, t.joint, parts[t], t.shape, level.get(t.joint, 0.0))
+            for t in asked
+        ]
 
     # ---- torques -----------------------------------------------------------------------------
 

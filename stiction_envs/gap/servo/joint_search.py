@@ -392,7 +392,11 @@ def judge(question: Question) -> JointFindings:
     terms = problem.terms()
     plain = {t.cause: t for t in reversed(terms)}
     search = Search(
-        problem, terms, problem.needs, lambda _, some: problem.score(some), lambda *_: True
+        problem,
+        terms,
+        problem.needs,
+        lambda _, some: problem.score(some),
+        lambda _, __, asked: [True] * len(asked),
     )
     start: list[Term] = [plain[c] for c in question.candidates if c in causes]
     # no model gains more than all causes together take off

@@ -236,8 +236,8 @@ class Judge:
         """Return a search on the straight lines that all effects have near a fit."""
         lines = self.problem(fit.states, fit.values, tangents=False)
 
-        def possible(_: TableProblem, terms: Sequence[Term], __: Term) -> bool:
-            return frozenset(self.effects[t] for t in terms) not in refused
+        def possible(_: TableProblem, terms: Sequence[Term], asked: Sequence[Term]) -> list[bool]:
+            return [frozenset(self.effects[t] for t in terms) not in refused] * len(asked)
 
         return Search(lines, list(self.effects), lambda _: (), refresh, possible)
 
