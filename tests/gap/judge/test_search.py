@@ -32,7 +32,9 @@ def search_for(truth: dict[Term, float], seed: int = 0, whole: str = "unit") -> 
     def refresh(p: Problem, terms) -> float:
         return p.score(terms)
 
-    return Search(problem, list(columns), lambda name: (), refresh, lambda p, t, x: True)
+    return Search(
+        problem, list(columns), lambda name: (), refresh, lambda p, t, asked: [True] * len(asked)
+    )
 
 
 def test_nothing_is_named_in_noise() -> None:
@@ -71,5 +73,5 @@ def test_rivals_say_how_sure_a_name_is() -> None:
 def test_an_impossible_value_is_not_kept() -> None:
     right = Term("right", 0)
     search = search_for({right: 0.3})
-    search.possible = lambda problem, terms, term: term.cause != "right"
+    search.possible = lambda problem, terms, asked: [t.cause != "right" for t in asked]
     assert right not in search.climb([right]).terms
