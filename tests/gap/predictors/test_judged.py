@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stiction_envs.gap.causes import TOLERANCES, registered
+from stiction_envs.arrays import rms
+from stiction_envs.gap.causes import TOLERANCES, cause_named, registered
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.predictors.judged import best_of, plain_friction, search_of
 from stiction_envs.gap.predictors.torque import TorquePredictor, lasting
@@ -34,6 +35,20 @@ def test_large_errors_do_not_hide_among_small_ones_whose_size_they_raised() -> N
     assert offsets(search_of(predictor).climb(start).terms) < {3, 6}
     predictor.problem.given(np.full(arm.n, predictor.rows), usual)
     assert offsets(best_of(predictor, [start]).terms) == {3, 6}
+
+
+def test_a_slight_pull_of_cables_is_a_small_error() -> None:
+    """Links cannot stand in for the pull on the vertical axis of joint 1."""
+    arm = load_arm("panda")
+
+    def cables(q, dq, ddq):
+        return np.pad(0.06 * q[:, :1] - 0.02, ((0, 0), (0, arm.n - 1)))
+
+    data = assemble(arm, prepare([hidden(arm, cables, noise=0.02)], cutoff_hz=10.0))
+    predictor = TorquePredictor(data, [TOLERANCES, cause_named("external_spring")])
+    predictor.refresh(predictor.problem, [])
+    left = predictor.left(predictor.problem.model([]))
+    assert rms(left)[0] < 0.3 * rms(data.residual)[0]
 
 
 def test_errors_that_come_back_with_the_motion_count_once() -> None:

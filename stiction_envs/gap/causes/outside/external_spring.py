@@ -8,6 +8,11 @@ from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape,
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
+USUAL = 1e-3
+"""Pull of an arm's own cables per radian, over what the joint can bear [1/rad]; assumed."""
+SOFTEST = 1e-6
+"""Least stiffness of a spring in a model, whose rest angle is else far away [N·m/rad]; assumed."""
+
 
 class ExternalSpring(Cause):
     """A cable, a hose, a contact."""
@@ -27,10 +32,12 @@ class ExternalSpring(Cause):
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a third of what the joint can bear, at one radian [N·m/rad, N·m]; assumed.
 
-        Springs that balance an arm carry most of its weight. They pull back from any rest angle.
+        Springs that balance an arm carry most of its weight. They pull back from any rest angle. So
+        do the cables of every arm, a little.
         """
         low, high = np.array([0.0, -np.inf]), np.full(2, np.inf)
-        return Prior(np.full(2, data.strength[joint] / 3), low, high)
+        strength = float(data.strength[joint])
+        return Prior(np.full(2, strength / 3), low, high, usual=USUAL * strength)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the angle, and ones."""
@@ -45,9 +52,10 @@ class ExternalSpring(Cause):
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Pull from the world; several springs are one."""
         j, c = part.joint - 1, part.coefficients
-        k = max(c[0], 1e-9)
-        rest = -c[1] / k
+        k = c[0]
+        if k <= SOFTEST:
+            draft.leave_out(part, "MuJoCo's springs pull back")
+            return
         stiffness, middle = draft.pull[j]
-        if k > 1e-8:
-            draft.pull[j] = stiffness + k, (stiffness * middle + k * rest) / (stiffness + k)
+        draft.pull[j] = stiffness + k, (stiffness * middle - c[1]) / (stiffness + k)
         draft.not_in_tables.append(f"{self.name} of joint {j + 1}: in model.xml")
