@@ -106,6 +106,16 @@ def test_there_is_a_part_for_every_cause():
     assert set(PARTS) == {c.name for c in CAUSES}
 
 
+def test_cables_that_push_away_are_said_to_be_left_out(data):
+    """Small errors have either sign; MuJoCo's springs have one."""
+    pushes = part("external_spring", 4, -0.05, 0.02)
+    made = extend(data, Nominal(robot="panda", parts=(pushes,)))
+    model = mujoco.MjModel.from_xml_string(made.xml)
+    assert not model.jnt_stiffness.any()
+    assert made.left_out.any()
+    assert made.missing == ("external_spring of joint 4: MuJoCo's springs pull back",)
+
+
 @pytest.mark.parametrize("name", PARTS)
 def test_every_cause_is_held_or_said_to_be_left_out(data, name):
     """Nothing is dropped in silence, and the comment of the MJCF says it too."""
