@@ -267,15 +267,14 @@ class SJEEpisodes(Episodes[Configuration, float]):
         rig, rows = self.rig, np.arange(len(ids))
         threshold = rig.protocol.threshold
         base = np.abs(self.tau_base[ids])
-        torque, asked, q = self.torque(ids), rig.holding_torque[ids], rig.seen_position[ids]
+        torque, asked = self.torque(ids), rig.holding_torque[ids]
         asked[rows, rig.joint[ids]] = torque
-        moved = q[rows, rig.joint[ids]] - rig.start_angle[ids]
         tested = np.zeros((len(ids), self.n))
         tested[rows, rig.joint[ids]] = 1.0
         return {
-            "displacement": (q - rig.pose[ids]) / threshold,
+            "displacement": (rig.seen_position[ids] - rig.pose[ids]) / threshold,
             "velocity": rig.seen_velocity[ids] / threshold,
-            "progress": rig.sign[ids] * moved / threshold,
+            "progress": rig.sign[ids] * rig.displacement()[ids] / threshold,
             "torque": asked / self.stiction,
             "ramp": torque / base,
             "elapsed": rig.sign[ids] * (torque - rig.start_torque[ids]) / base,

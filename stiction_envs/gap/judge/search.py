@@ -79,7 +79,7 @@ class Search(Generic[P]):
         candidates: Sequence[Term],
         needs: Callable[[str], Iterable[str]],
         refresh: Refresh[P],
-        possible: Possible[P],
+        possible: Possible[P] = lambda _, __, asked: [True] * len(asked),
     ) -> None:
         """Search among candidates.
 
@@ -88,7 +88,7 @@ class Search(Generic[P]):
             candidates: terms that can be named.
             needs: returns the causes that a cause's joint must have with it.
             refresh: of the noise.
-            possible: of the values of terms.
+            possible: of the values of terms; by default all are.
         """
         self.problem, self.candidates = problem, list(candidates)
         self.needs, self.refresh, self.possible = needs, refresh, possible

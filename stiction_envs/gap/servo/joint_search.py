@@ -391,13 +391,7 @@ def judge(question: Question) -> JointFindings:
     none = problem.fit((), [question.nominal])
     terms = problem.terms()
     plain = {t.cause: t for t in reversed(terms)}
-    search = Search(
-        problem,
-        terms,
-        problem.needs,
-        lambda _, some: problem.score(some),
-        lambda _, __, asked: [True] * len(asked),
-    )
+    search = Search(problem, terms, problem.needs, lambda _, some: problem.score(some))
     start: list[Term] = [plain[c] for c in question.candidates if c in causes]
     # no model gains more than all causes together take off
     least = none.log_likelihood - 0.5 * float(none.z @ none.z)

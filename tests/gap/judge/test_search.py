@@ -32,9 +32,7 @@ def search_for(truth: dict[Term, float], seed: int = 0, whole: str = "unit") -> 
     def refresh(p: Problem, terms) -> float:
         return p.score(terms)
 
-    return Search(
-        problem, list(columns), lambda name: (), refresh, lambda p, t, asked: [True] * len(asked)
-    )
+    return Search(problem, list(columns), lambda name: (), refresh)
 
 
 def test_nothing_is_named_in_noise() -> None:

@@ -10,8 +10,6 @@ from stiction_envs.gap.signals.dataset import Data
 
 USUAL = 1e-3
 """Pull of an arm's own cables per radian, over what the joint can bear [1/rad]; assumed."""
-SOFTEST = 1e-6
-"""Least stiffness of a spring in a model, whose rest angle is else far away [N·m/rad]; assumed."""
 
 
 class ExternalSpring(Cause):
@@ -53,7 +51,7 @@ class ExternalSpring(Cause):
         """Pull from the world; several springs are one."""
         j, c = part.joint - 1, part.coefficients
         k = c[0]
-        if k <= SOFTEST:
+        if k <= 0:
             draft.leave_out(part, "MuJoCo's springs pull back")
             return
         stiffness, middle = draft.pull[j]
