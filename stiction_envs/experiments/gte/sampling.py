@@ -18,7 +18,7 @@ from stiction_envs.control.rotation import to_rpy
 from stiction_envs.experiments.gte.measures import Accumulator
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, GTEProtocol, Run, pose_error
 from stiction_envs.experiments.gte.rig import GTERig, blank_sampling
-from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
+from stiction_envs.filters import butterworth, filter_sections
 from stiction_envs.plant import CONTROL_DT
 
 
@@ -35,7 +35,7 @@ class Sampler:
         self._rig, nsim = rig, rig.nsim
         self.stride = round(1.0 / (protocol.sample_rate * CONTROL_DT))  # Control steps of a sample
         self.size = steps // self.stride  # Samples S of a block
-        self._band = butterworth_highpass(protocol.vibration_low, 1.0 / CONTROL_DT)
+        self._band = butterworth(2, protocol.vibration_low, 1.0 / CONTROL_DT, high=True)
         self._lever = protocol.vibration_lever
         self._state = np.zeros((len(self._band), nsim, 6, 2))
         self._rest = np.zeros((nsim, 3))

@@ -16,7 +16,6 @@ from stiction_envs.experiments.episodes import (
     Outcome,
     ScatterKey,
 )
-from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.experiments.observation import (
     DITHER,
     TORQUE,
@@ -33,6 +32,7 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP, STICKING, SJERig
 from stiction_envs.experiments.sje.undithered import base_torques
+from stiction_envs.filters import butterworth, filter_sections
 from stiction_envs.friction.sticking import Friction
 from stiction_envs.measured.tables import DIRECTIONS, LOADS
 from stiction_envs.plant import CONTROL_DT
@@ -52,7 +52,7 @@ class Oscillation:
 
         At ``corner`` each of the two high-passes has the gain 1/√2 [Hz].
         """
-        self._band = np.repeat(butterworth_highpass(corner, 1.0 / CONTROL_DT), 2, axis=0)
+        self._band = np.repeat(butterworth(2, corner, 1.0 / CONTROL_DT, high=True), 2, axis=0)
         self._far = far
         self._state = np.zeros((len(self._band), nsim, n, 2))
         self._rest = np.zeros((nsim, n))

@@ -271,13 +271,15 @@ class Problem:
     def sums(self) -> tuple[Array, Array, float]:
         """Return XᵀWX, XᵀWr and rᵀWr of all coefficients, in independent observations."""
         if self._sums is None:
-            xx, xr, rr = np.zeros((self._count, self._count)), np.zeros(self._count), 0.0
+            xx, xr, rr = np.zeros(self._count**2), np.zeros(self._count), 0.0
             for channel, rows in zip(self.channels, self.inflation, strict=True):
                 square, along, size = channel.sums(self.held_out)
-                xx[channel.at[:, None], channel.at] += square / rows
+                # one index into the flat matrix takes half the time of two
+                flat = np.add.outer(self._count * channel.at, channel.at).ravel()
+                xx[flat] += (square / rows).ravel()
                 xr[channel.at] += along / rows
                 rr += size / rows
-            self._sums = xx, xr, rr
+            self._sums = xx.reshape(self._count, -1), xr, rr
         return self._sums
 
     def sums_of(self, terms: Sequence[Term]) -> tuple[Array, Array]:

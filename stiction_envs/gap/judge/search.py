@@ -92,7 +92,11 @@ class Search(Generic[P]):
         """
         self.problem, self.candidates = problem, list(candidates)
         self.needs, self.refresh, self.possible = needs, refresh, possible
-        self._plain = {(t.cause, t.joint): t for t in reversed(self.candidates)}
+        plain = {t[:2]: t for t in reversed(self.candidates)}
+        self._required = {
+            t: [plain[k] for name in needs(t.cause) if (k := (name, t.joint)) in plain]
+            for t in self.candidates
+        }
 
     def climb(self, start: Sequence[Term], *, swaps: bool = True) -> Model:
         """Return the best model that steps from a start reach; ``swaps`` take most of the time."""
@@ -162,8 +166,7 @@ class Search(Generic[P]):
         return out
 
     def _needed(self, term: Term, have: Collection[tuple[object, ...]]) -> list[Term]:
-        keys = [(name, term.joint) for name in self.needs(term.cause)]
-        return [self._plain[k] for k in keys if k not in have and k in self._plain]
+        return [t for t in self._required[term] if t[:2] not in have]
 
     def rivals(
         self,

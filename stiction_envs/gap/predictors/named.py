@@ -13,9 +13,6 @@ from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.judge.search import Search
 from stiction_envs.gap.predictors.judged import Judged, search_of
 
-FAR = 5.0
-"""Number of robust standard deviations at which draws are clipped [-]; assumed: a quotient whose
-divisor comes near zero has no variance."""
 ALIKE = 3.0
 """Nats within which two causes are confused."""
 MOST_ALIKE = 3
@@ -113,17 +110,9 @@ def _estimates(judged: Judged, term: Term, mine: Array, drawn: Draws) -> dict[st
     for key, value in cause.values(mine, term.shape).items():
         ends: object = [value, value]
         if not isinstance(value, int):  # a choice among a few is no quantity
-            spread = WIDTH * near(np.array([x[key] for x in samples])).std(axis=0)
-            ends = np.stack([value - spread, value + spread], axis=-1).tolist()
+            ends = np.percentile([x[key] for x in samples], [2.5, 97.5], axis=0).T.tolist()
         out[key] = Estimate(value=value, ci95=ends, on_bound=on_bound)
     return out
-
-
-def near(samples: Array) -> Array:
-    """Return draws (R, ...) of which outliers count as `FAR` deviations."""
-    low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
-    far = FAR * (high - low) / 2
-    return np.asarray(np.clip(samples, middle - far, middle + far))
 
 
 def _left(judged: Judged, c: Array, *, logged: bool = False) -> Array:

@@ -11,8 +11,8 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
+from stiction_envs.filters import lowpass
 from stiction_envs.friction.lone_joint import bristle_after
-from stiction_envs.gap.signals.filters import lowpass
 
 CUTOFF_HZ = 5.0
 """Least bandwidth of speeds and accelerations of logged angles [Hz]; assumed."""

@@ -9,9 +9,10 @@ import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
+from stiction_envs.filters import lowpass
 from stiction_envs.gap.servo.joint import CUTOFF_HZ, JointMotion, command_nodes
 from stiction_envs.gap.servo.questions import resolution_of
-from stiction_envs.gap.signals.filters import angle_noise, lowpass
+from stiction_envs.gap.signals.reversals import angle_noise
 from stiction_envs.measured.logs.corrections import runs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm

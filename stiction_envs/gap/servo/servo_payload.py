@@ -10,16 +10,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.filters import lowpass
 from stiction_envs.gap.causes.body.bodies import from_flange, sphere
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.joint import CUTOFF_HZ, JointMotion
 from stiction_envs.gap.servo.servo_parameters import INDEX
-from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
@@ -116,7 +116,7 @@ def proposed(
         return None
     little = usual * np.array([LOOKS_LIKE / CARRIES, 1.0, 1.0, 1.0])
     cost = _cost(found / usual, covariance / np.outer(usual, usual))
-    quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
+    quantile = float(stdtrit(max(1, by_block.shape[1] - 4), 0.975))  # Student's t
     com, wide = moment / mass, quantile * deviation[1:] / mass
     half = quantile * float(deviation[0])
     axes = np.stack([com - wide, com + wide], axis=1).tolist()

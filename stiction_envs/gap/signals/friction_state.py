@@ -10,10 +10,10 @@ poses differ only by noise and friction.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import welch
 from scipy.spatial import cKDTree
 
 from stiction_envs.arrays import Array
+from stiction_envs.filters import spectrum
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording
@@ -181,9 +181,7 @@ def _floor(recording: Recording, residual: Array) -> Array:
     for j in range(q.shape[1]):
         x = np.stack([direction[:, j], dq[:, j], ddq[:, j], np.ones(len(q))], axis=1)
         left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
-        f, power = welch(
-            left[longest], 1 / recording.dt, nperseg=window, nfft=8 * window, average="median"
-        )
+        f, power = spectrum(left[longest], 1 / recording.dt, window, padded=8, median=True)
         high = (f > 0.5 * recording.cutoff) & (f < 1.5 * recording.cutoff)
         upper = float(power[high].sum() * f[1])
         out[j] = np.sqrt(upper + min(0.5 * torque[j] ** 2, upper)) + LEAST_NOISE

@@ -26,8 +26,9 @@ from scipy.interpolate import CubicSpline
 
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
+from stiction_envs.filters import lowpass
 from stiction_envs.gap.signals.angles import AngleError
-from stiction_envs.gap.signals.filters import WIDER, lowpass, reversal_path
+from stiction_envs.gap.signals.reversals import WIDER, reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import PERIODS, Spectra, by_column, resample
 from stiction_envs.measured.logs.reader import JointLog

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from stiction_envs.arrays import Array, Index
+from stiction_envs.filters import lowpass
 from stiction_envs.gap.signals.bristle import bristles
-from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm

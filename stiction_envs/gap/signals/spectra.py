@@ -12,10 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfreqz, welch
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.gap.signals.filters import ORDER
+from stiction_envs.filters import ORDER, spectrum
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion_thresholds import MOVER_RATIO
 
@@ -129,8 +128,10 @@ class Spectra:
         The spectrum just above the filter's band, and above where it stops falling, is taken to
         continue within the band.
         """
-        sos = butter(ORDER, min(cutoff / self.rate, 0.49), fs=1.0, output="sos")
-        gain = np.abs(sosfreqz(sos, 8192)[1]) ** 2
+        # |H|² of the digital Butterworth low-pass, which runs twice
+        frequency = np.arange(8192) / 8192 / 2
+        bent = np.tan(np.pi * frequency) / np.tan(np.pi * min(cutoff / self.rate, 0.49))
+        gain = 1 / (1 + bent ** (2 * ORDER))
         rounding, nyquist = self.grain / np.sqrt(12), self.rate / 2
         width = float(np.mean(gain**2)) * self.rate / 2
         inside = np.zeros(self.n)
@@ -153,11 +154,11 @@ class Spectra:
     def _welch(self, differences: Array, power: int) -> Array:
         """Return (f, n) the spectrum of a signal whose differences (n, K) of an order are given."""
         # The median over windows ignores the few that hold a jump or a collision.
-        average = "median" if differences.shape[-1] >= 4 * self.length else "mean"
-        spectrum = welch(differences, self.rate, nperseg=self.length, average=average)[1]
+        median = differences.shape[-1] >= 4 * self.length
+        density = spectrum(differences, self.rate, self.length, median=median)[1]
         gain = 2 * np.sin(np.pi * self.f / self.rate)
         gain[0] = gain[1]
-        return np.asarray(spectrum / gain**power).T
+        return np.asarray(density / gain**power).T
 
     def _accurate(self, joint: int, acceleration: float) -> float:
         """Return the cutoff [Hz] with the allowed noise of a joint's RMS acceleration [rad/s²]."""

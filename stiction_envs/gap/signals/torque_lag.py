@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from stiction_envs.arrays import Array, Index, rms
+from stiction_envs.filters import lagging
 from stiction_envs.gap.signals.angles import least_load
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
@@ -258,7 +258,7 @@ def _residual(runs: Sequence[_Run], lag: Lag) -> float:
         moved = run.moved
         if lowpass > 0:
             k = np.exp((run.finer[0] - run.finer[1]) / lowpass)
-            moved = lfilter([1 - k], [1, -k], moved, axis=0, zi=k * moved[:1])[0]
+            moved = lagging(moved, k)
         shifted = [np.interp(run.t - delay, run.finer, x) for x in moved.T]
         columns.append(np.column_stack([*shifted, run.fixed]))
     x, y = np.concatenate(columns), np.concatenate([run.torque for run in runs])

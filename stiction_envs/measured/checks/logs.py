@@ -1,10 +1,10 @@
 """Checks of a log by itself: units, stuck channels, speeds that lag, commanded angles."""
 
 import numpy as np
-from scipy.signal import butter, csd, sosfiltfilt, welch
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
+from stiction_envs.filters import lowpass, spectrum
 from stiction_envs.measured.logs.corrections import RawLog, longest_run
 from stiction_envs.measured.motion_thresholds import MOVER_RATIO, REVERSAL_SPEED, STIR_SPAN
 from stiction_envs.robots.arm_toml import Limits
@@ -229,9 +229,9 @@ def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
     if limits is None or len(t) < COMPARED_ROWS:
         return warnings
     doubtful = limits.doubtful("velocity")
-    sos = butter(4, min(COMPARED_HZ, 0.2 / step), fs=1 / step, output="sos")
+    cutoff = min(COMPARED_HZ, 0.2 / step)
     for j, x in enumerate(rows.data["q"].T):
-        speed = np.abs(np.gradient(sosfiltfilt(sos, np.interp(t, rows.t, x)), step)).max()
+        speed = np.abs(np.gradient(lowpass(np.interp(t, rows.t, x), 1 / step, cutoff), step)).max()
         if speed > TOO_FAST * limits.velocity[j]:
             text = f"q{j + 1} moves at {speed:.3g} rad/s, the joint can do "
             text += _limit(limits, "velocity", j, "rad/s")
@@ -266,10 +266,11 @@ def check_speeds(rows: RawLog, step: float) -> list[str]:
     size = speeds.std(axis=0)
     # Joints that are only shaken by others are poor evidence, and have a lag of their own.
     movers = np.flatnonzero((size > MOVER_RATIO * size.max()) & (size > REVERSAL_SPEED))
-    sos = butter(4, min(COMPARED_HZ, 0.2 * rate), fs=rate, output="sos")
-    found = []
+    cutoff = min(COMPARED_HZ, 0.2 * rate)
+    found, end = [], int(rate / cutoff / 2)
     for j in movers:
-        v, dq = sosfiltfilt(sos, speeds[:, j]), sosfiltfilt(sos, grid["dq"][:, j])
+        # the filter continues the ends without a lag
+        v, dq = (lowpass(x[:, j], rate, cutoff)[end:-end] for x in (speeds, grid["dq"]))
         both = np.stack([v, np.gradient(v, step)], axis=1)
         (scale, turned), *_ = np.linalg.lstsq(both, dq, rcond=None)
         left = dq - both @ (scale, turned)
@@ -333,7 +334,7 @@ def _commanded_angles(grid: dict[str, Array], rate: float, movers: Index) -> lis
 def _spectra(x: Array, y: Array, rate: float) -> tuple[Array, ...]:
     """Return frequencies [Hz], spectra of x and of y, and their coherence."""
     length = int(min(len(x) // 4, 2 * rate)) // 2 * 2
-    f, p_x = welch(x, rate, nperseg=length)
-    p_y = welch(y, rate, nperseg=length)[1]
-    cross = csd(x, y, rate, nperseg=length)[1]
+    f, p_x = spectrum(x, rate, length)
+    p_y = spectrum(y, rate, length)[1]
+    cross = spectrum(x, rate, length, against=y)[1]
     return f, p_x, p_y, np.abs(cross) ** 2 / np.maximum(p_x * p_y, 1e-300)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from stiction_envs.filters import lowpass
 from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.gap.signals.prepare import prepare
 from tests.gap.small_logs import RATE, hidden, panda
 

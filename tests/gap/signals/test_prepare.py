@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.signals.filters import lowpass
+from stiction_envs.filters import lowpass
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.measured.logs.reader import JointLog
 from tests.refusal import refusal

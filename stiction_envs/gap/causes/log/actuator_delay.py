@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
-from scipy.signal import lfilter
 
+from stiction_envs.filters import lagging
 from stiction_envs.gap.causes.base import THE_ARM, Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
@@ -77,7 +77,7 @@ class ActuatorDelay(Cause):
                 later = np.interp(t + (1 - part) * ahead, t, later)
             if part > 0.0:
                 k = np.exp(recording.path_dt / (part * ahead))
-                later = lfilter([1 - k], [1, -k], later, zi=[k * later[0]])[0]
+                later = lagging(later[:, None], k)[:, 0]
             out[run] = (later - torque[run]) / ahead
         return out[recording.path_rows]
 

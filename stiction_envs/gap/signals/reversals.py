@@ -1,4 +1,4 @@
-"""Filters of even samples: a low-pass without lag, and the path of a joint between its reversals.
+"""The path of a joint between its reversals, from even samples of its angle.
 
 Effects that depend on reversals are friction, hysteresis and play. The low-pass of all signals
 overshoots by 0.1 mrad and more where a joint stops. Friction with a shorter presliding distance
@@ -6,77 +6,15 @@ would reverse there, and noise would change it at rest. The path therefore passe
 and turns back within the remaining noise are left out.
 """
 
-from functools import lru_cache
-
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.signal import butter, sosfilt_zi
 
 from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
+from stiction_envs.filters import lowpass
 
-ORDER = 4
-"""Order of the Butterworth low-pass [-]; assumed. It runs twice, so that half the amplitude is left
-at the cutoff."""
 WIDER = 3.0
 """Cutoff for these angles over the cutoff for all signals [-]: measured: of 1, 1.5, 2, 3
 and 5 the best for known friction at stops of simulated joints."""
-
-
-def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
-    """Return the filter of all signals: Butterworth of order `ORDER`, forwards and backwards.
-
-    Nonlinear functions of the signals must pass it too before a comparison.
-
-    Args:
-        x: even samples along the first axis.
-        rate_hz: sampling rate, Hz.
-        cutoff_hz: frequency at which half the amplitude is left, Hz; unchanged from half the
-            sampling rate upwards.
-    """
-    x = np.asarray(x, np.float64)
-    if 2 * cutoff_hz >= rate_hz or len(x) < 2:
-        return x.copy()
-    pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
-    columns = np.array(x.reshape(len(x), -1), order="C")
-    return _both_ways(columns, *_sections(rate_hz, cutoff_hz), pad).reshape(x.shape)
-
-
-@lru_cache
-def _sections(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
-    """Return the second-order sections of `lowpass`, and their states in steady motion."""
-    sos = np.asarray(butter(ORDER, cutoff_hz, fs=rate_hz, output="sos"))
-    return sos, np.asarray(sosfilt_zi(sos))
-
-
-@compiled
-def _both_ways(x: Array, sos: Array, steady: Array, pad: int) -> Array:
-    """Return (K, k) filtered forwards, then backwards.
-
-    Both ends are continued by ``pad`` samples of the signal turned about its end. scipy's
-    `sosfiltfilt` does the same, but takes longer to begin than to filter a short segment.
-    """
-    rows, columns = x.shape
-    y = np.empty((rows + 2 * pad, columns))
-    y[pad : pad + rows] = x
-    for i in range(pad):
-        y[i] = 2 * x[0] - x[pad - i]
-        y[rows + pad + i] = 2 * x[rows - 1] - x[rows - 2 - i]
-    u, v = np.empty((2, len(sos), columns))
-    for _ in range(2):
-        for s in range(len(sos)):
-            u[s], v[s] = steady[s, 0] * y[0], steady[s, 1] * y[0]
-        for i in range(len(y)):
-            for s in range(len(sos)):  # a section works on a row while the next waits for it
-                b0, b1, b2, _a0, a1, a2 = sos[s]
-                for c in range(columns):
-                    x_in = y[i, c]
-                    out = b0 * x_in + u[s, c]
-                    u[s, c] = b1 * x_in - a1 * out + v[s, c]
-                    v[s, c] = b2 * x_in - a2 * out
-                    y[i, c] = out
-        y = y[::-1].copy()
-    return y[pad : pad + rows]
 
 
 def angle_noise(q: Array) -> float:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from stiction_envs.gap.signals.filters import lowpass, reversal_path, zigzag
+from stiction_envs.filters import lowpass
+from stiction_envs.gap.signals.reversals import reversal_path, zigzag
 
 RATE = 500.0
 T = np.arange(0, 6, 1 / RATE)
