@@ -40,6 +40,11 @@ class Term(NamedTuple):
     part: float = 1.0
     """Size of its prior over the usual size of the cause [-]."""
 
+    @property
+    def aside(self) -> bool:
+        """Whether it is of a finished model alone: what is there anyway, however little."""
+        return self.small and self.part != 1.0
+
 
 class Channel:
     """Rows of one measured signal, and the sums of its columns over each fold of them."""
@@ -193,18 +198,18 @@ class Problem:
     def share(self, other: Term, term: Term, sd: Array) -> None:
         """Add a term with the columns of another, and its own standard deviations (k,).
 
-        A small error has no bounds, and no odds against it.
+        A small error of every model has no bounds, and no odds against it.
         """
         free = np.full(len(sd), np.inf)
         self.numbers[other], self._sd[other] = self.numbers[term], sd
         self.bounds[other], self.odds[other] = self.bounds[term], self.odds[term]
-        if other.small:
+        if other.small and not other.aside:
             self.bounds[other], self.odds[other] = (-free, free), 0.0
             self.always.append(other)
 
     def sd(self, term: Term) -> Array:
         """Return (k,) prior standard deviations of a term."""
-        if not term.small:
+        if not term.small or term.aside:
             return self._sd[term]
         return self._sd[term] * self.scales[0 if term.shape == LINKS else 1]
 

@@ -47,7 +47,7 @@ class Judged:
     predictor: TorquePredictor
     model: Model
     terms: list[Term]
-    """Small errors first, then the named terms."""
+    """Small errors, friction that is not named, then the named terms."""
     coefficients: Array
     """(P,)."""
 
@@ -117,7 +117,7 @@ def judge(
     best = _clear(predictor, best)
     if data.converted:
         best = _in_unit(predictor, best)
-    terms = predictor.problem.model(best.terms)
+    terms = predictor.whole(predictor.problem, best.terms)
     return Judged(predictor, best, terms, predictor.problem.fit(terms))
 
 
@@ -331,7 +331,7 @@ def held_out(judged: Judged, say: Callable[[float], None] = lambda _: None) -> A
         search = search_of(predictor, fold)
         search.problem.given(best.inflation, best.scales)
         model = climbed(predictor, search, plain_friction(predictor), swaps=False)
-        terms = search.problem.model(model.terms)
+        terms = predictor.whole(search.problem, model.terms)
         left = data.residual - predictor.torque(terms, search.problem.fit(terms))
         total += [float(np.square(x).sum()) for x in left[rows].T]
     return np.sqrt(total / max(int((predictor.fold >= 0).sum()), 1))

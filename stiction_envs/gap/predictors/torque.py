@@ -22,6 +22,7 @@ from stiction_envs.gap.causes.base import (
     ALL_LINKS,
     ALL_OF_ONE,
     DRY,
+    FRICTION,
     PLAIN,
     filtered_columns,
     limits,
@@ -253,7 +254,16 @@ class TorquePredictor:
         usual, small = prior.usual, Term(term.cause, term.joint, (), True)
         if usual and small not in problem.numbers:
             problem.share(small, each[0], np.full(k, usual))
+        if cause.adds_to in FRICTION and not data.has_friction:
+            problem.share(small._replace(part=PARTS[-1]), each[0], PARTS[-1] * size)
         return each
+
+    def whole(self, problem: Problem, named: Sequence[Term]) -> list[Term]:
+        """Return the terms of a finished model: every joint has friction, named or not."""
+        have = {t[:2] for t in named}
+        aside = (t for t in problem.numbers if t.aside and t[:2] not in have)
+        small = problem.model(named)[: -len(named) or None]
+        return [*small, *aside, *named]
 
     def _left_by_friction(self) -> Array:
         """Return (T, n) what the joints' plain friction, offset and inertia leave [N·m]."""

@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from stiction_envs.arrays import rms
 from stiction_envs.gap.causes import TOLERANCES, cause_named, registered
 from stiction_envs.gap.judge.search import Model
-from stiction_envs.gap.predictors.judged import best_of, plain_friction, search_of
+from stiction_envs.gap.predictors.judged import best_of, judge, plain_friction, search_of
 from stiction_envs.gap.predictors.torque import TorquePredictor, lasting
 from stiction_envs.gap.predictors.torque import repeats as repeated
 from stiction_envs.gap.signals.dataset import assemble
@@ -49,6 +49,22 @@ def test_a_slight_pull_of_cables_is_a_small_error() -> None:
     predictor.refresh(predictor.problem, [])
     left = predictor.left(predictor.problem.model([]))
     assert rms(left)[0] < 0.3 * rms(data.residual)[0]
+
+
+def test_a_finished_model_has_friction_that_is_too_little_to_be_named() -> None:
+    arm = load_arm("panda")
+    slope = np.where(np.arange(arm.n) == 4, 0.03, 1.0)
+    log = hidden(arm, lambda q, dq, ddq: slope * dq, noise=0.1)
+    data = assemble(arm, prepare([log], cutoff_hz=10.0))
+    friction = [cause_named("coulomb_friction"), cause_named("viscous_friction")]
+    found = judge(data, [TOLERANCES, *friction])
+    named = {t.joint for t in found.model.terms if t.cause == "viscous_friction"}
+    assert named == {0, 1, 2, 3, 5, 6}
+    parts = found.predictor.problem.split(found.terms, found.coefficients)
+    each = {
+        t.joint: x for t, x in zip(found.terms, parts, strict=True) if t.cause == friction[1].name
+    }
+    assert each[4] == pytest.approx([0.03], abs=0.005)
 
 
 def test_errors_that_come_back_with_the_motion_count_once() -> None:
