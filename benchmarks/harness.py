@@ -39,8 +39,8 @@ PACKAGES = ("mujoco", "numpy", "scipy", "numba", "pin")
 LOGS = tuple(
     f"stiction_envs/{place}"
     for place in (
-        *("compiled.py", "control", "dither", "experiments", "friction", "gap", "measured"),
-        *("method_settings.py", "plant", "precomputed", "robots"),
+        *("compiled.py", "control", "dither", "experiments", "filters.py", "friction", "gap"),
+        *("measured", "method_settings.py", "plant", "precomputed", "robots"),
     )
 )
 """Code of the package that decides a diagnosis of joint logs."""

@@ -70,7 +70,10 @@ def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
         return x.copy()
     pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
     columns = np.array(x.reshape(len(x), -1), order="C")
-    return _both_ways(columns, _lowpass_sections(rate_hz, cutoff_hz), pad).reshape(x.shape)
+    start = columns[0].copy()
+    columns -= start  # so that a signal that rests does so to the bit
+    filtered = _both_ways(columns, _lowpass_sections(rate_hz, cutoff_hz), pad) + start
+    return np.asarray(filtered.reshape(x.shape))
 
 
 @lru_cache

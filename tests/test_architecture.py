@@ -17,7 +17,7 @@ FLOW = (
         "stiction_envs.compiled",
         "stiction_envs.version",
     ),
-    ("stiction_envs.method_settings",),
+    ("stiction_envs.method_settings", "stiction_envs.filters"),
     ("stiction_envs.reporting",),
     ("stiction_envs.precomputed",),
     ("stiction_envs.robots", "stiction_envs.dither"),

@@ -37,6 +37,11 @@ def test_the_lowpass_is_scipys_forwards_and_backwards() -> None:
     assert lowpass(x, 1000.0, 20.0) == pytest.approx(expected, abs=1e-10)
 
 
+def test_a_signal_that_rests_does_so_to_the_bit() -> None:
+    x = np.full((500, 2), [0.3, -1.7])
+    np.testing.assert_array_equal(lowpass(x, 200.0, 10.0), x)
+
+
 def test_a_lag_is_scipys() -> None:
     x, keep = RNG.normal(size=(300, 2)).cumsum(axis=0), 0.9
     expected = lfilter([1 - keep], [1, -keep], x, axis=0, zi=keep * x[:1])[0]

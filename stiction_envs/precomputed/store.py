@@ -32,6 +32,7 @@ MADE_BY = (
     "control",
     "dither",
     "experiments",
+    "filters.py",
     "friction",
     "measured",
     "method_settings.py",

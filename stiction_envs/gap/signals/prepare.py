@@ -243,8 +243,9 @@ def _segment(
     t, q, tau = resample(log, rows, step)
     path = by_column(lambda x: reversal_path(x, 1 / step, cutoff), q)
     q, tau = lowpass(q, 1 / step, cutoff), lowpass(tau, 1 / step, cutoff)
-    dq = by_column(lambda x: np.convolve(x, _FIRST[::-1], "same") / step, q)
-    ddq = by_column(lambda x: np.convolve(x, _SECOND[::-1], "same") / step**2, q)
+    moved = q - q[0]  # so that a joint that rests does so to the bit
+    dq = by_column(lambda x: np.convolve(x, _FIRST[::-1], "same") / step, moved)
+    ddq = by_column(lambda x: np.convolve(x, _SECOND[::-1], "same") / step**2, moved)
     # The filter does not know the signal before and after, nor does the wider one of the path.
     cut = max(3 * step, min(TRIM_PERIODS / cutoff, TRIM_SHARE * seconds))
     start, factor = int(np.ceil(cut / WIDER / step)), round(fine / step)
