@@ -66,3 +66,20 @@ def test_the_spectrum_across_two_signals_is_scipys() -> None:
     expected = csd(x, y, 100.0, nperseg=256)[1]
     got = spectrum(x, 100.0, 256, against=y)[1]
     assert got == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+def test_the_filter_has_half_the_amplitude_at_its_cutoff_and_no_phase() -> None:
+    t = np.arange(20_000) / 1000
+    for hz, share in ((1.0, 1.0), (5.0, 0.996), (10.0, 0.5), (20.0, 0.004)):
+        x = np.sin(2 * np.pi * hz * t)
+        y = lowpass(x, 1000.0, 10.0)
+        inner = slice(2000, -2000)
+        both = np.stack([x, np.cos(2 * np.pi * hz * t)], axis=1)[inner]
+        in_phase, out_of_phase = np.linalg.lstsq(both, y[inner], rcond=None)[0]
+        assert in_phase == pytest.approx(share, abs=1e-3)
+        assert abs(out_of_phase) < 1e-3
+
+
+def test_above_half_the_rate_nothing_is_filtered() -> None:
+    x = np.random.default_rng(0).normal(size=100)
+    assert np.array_equal(lowpass(x, 10.0, 5.0), x)

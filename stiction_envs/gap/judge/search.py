@@ -191,9 +191,8 @@ class Search(Generic[P]):
         for term in self.candidates if mine[0].joint == ARM else near:
             if term[:2] in have or term in mine:
                 continue
-            needed = self.needs(term.cause)
-            if not any((name, term.joint) in gone for name in needed):
-                added.append([*self._needed(term, left), term] if needed else [term])
+            if not any(t[:2] in gone for t in self._required[term]):
+                added.append([*self._needed(term, left), term])
         if not added:
             return []
         gains, least = self.problem.gains(rest, added), least - self.problem.score(rest)
